@@ -92,6 +92,18 @@ def test_a_process_follows_what_no_cubic_does_and_knows_its_error():
     np.testing.assert_allclose(by_features, terms @ fit.coefficients, atol=1e-7)
 
 
+def test_a_process_from_few_points_takes_no_noise_for_structure():
+    """Pure noise of one error: some draws of 60 points in 8 dimensions have their maximum without noise."""
+    free, known = [], []
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        x, target = rng.normal(size=(60, 8)), rng.normal(size=(60, 1))
+        free.append(learn_kernel(x, target, np.ones(60), rng).noise)
+        known.append(learn_kernel(x, target, np.ones(60), rng, least_noise=0.5).noise)
+    assert min(free) < 0.1
+    assert 0.499 < min(known) <= max(known) < 2.0
+
+
 def test_noise_averages_out():
     """Predictions from calls with a noise of one error are right to a third of one, and the emulator says so."""
     problem = OfToy(Curved(), noise=1.0)

@@ -126,10 +126,13 @@ def squared_exponential(a: Any, b: Any, lengths: Any) -> Any:
     return np.exp(-0.5 * np.maximum(r2, 0.0))
 
 
-def learn_kernel(x: Array, target: Array, weight: Array, rng: np.random.Generator) -> Kernel:
+def learn_kernel(
+    x: Array, target: Array, weight: Array, rng: np.random.Generator, least_noise: float = 0.0
+) -> Kernel:
     """Learn lengths, amplitude and noise from targets (n, m), in errors of the data, at x (n, c) with weights (n,).
 
-    They maximise the marginal likelihood of what a linear fit leaves over at some of the points.
+    They maximise the marginal likelihood of what a linear fit leaves over at some of the points. Where points are few,
+    it may have a maximum without noise, at short lengths: ``least_noise``, in squared errors, is what is known of it.
     """
     c = x.shape[1]
     chosen = _some(weight, LEARNED_FROM, rng)
@@ -160,7 +163,9 @@ def learn_kernel(x: Array, target: Array, weight: Array, rng: np.random.Generato
         return float(value), np.concatenate([by_length, [shared.sum(), by_noise]])
 
     begin = np.concatenate([np.full(c, np.log(EXPECTED)), [0.0, np.log(0.1)]])
-    bounds = [(np.log(0.3), np.log(100.0))] * c + [(-7.0, 6.0), (np.log(1e-7), 2.0)]
+    least = min(max(np.log(max(least_noise, 1e-300) / typical), np.log(1e-7)), 1.9)
+    begin[-1] = max(begin[-1], least)
+    bounds = [(np.log(0.3), np.log(100.0))] * c + [(-7.0, 6.0), (least, 2.0)]
     p = minimize(cost, begin, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": STEPS}).x
     places = x[_some(weight, INDUCING, rng)]
     lengths, amplitude, noise = np.exp(p[:c]), typical * float(np.exp(p[c])), typical * float(np.exp(p[c + 1]))

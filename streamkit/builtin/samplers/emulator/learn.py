@@ -43,6 +43,8 @@ EXISTS_RIDGE, ITERATIONS, HALVINGS, SETTLED = 1e-3, 40, 20, 1e-6
 # A Gaussian process is tried where the error of the best polynomial exceeds the noise by this factor, and this many
 # squared errors for each datum.
 WORTH, EXACT = 1.15, 1e-3
+# Fraction of the stated noise that there is surely.
+SURELY = 0.5
 # Standard errors by which a measured variance must exceed the stated noise before it counts as a lack of fit.
 CHANCE = 1.5
 # Least variance of a prediction, in squared errors of the data, whose logarithm is fitted.
@@ -199,11 +201,12 @@ def _best_regression(points: _Points) -> tuple[Polynomial | Kernel, Regression] 
     if not fits:
         return None
     noisy = float(points.noise[points.close].mean(axis=0).sum())
-    if min(fits, key=_first)[0] > WORTH * noisy + EXACT * points.target.shape[1]:
+    m = points.target.shape[1]
+    if min(fits, key=_first)[0] > WORTH * noisy + EXACT * m:
         try:
-            counted = points.weight >= LEAST_WEIGHT
-            rng = np.random.default_rng(len(points.x))
-            kernel = learn_kernel(points.x[counted], points.target[counted], points.weight[counted], rng)
+            counted, rng = points.weight >= LEAST_WEIGHT, np.random.default_rng(len(points.x))
+            x, target, weight = points.x[counted], points.target[counted], points.weight[counted]
+            kernel = learn_kernel(x, target, weight, rng, SURELY * noisy / m)
             fit = regress(kernel.terms(points.x), points.target, points.weight, kernel.penalty)
             fits.append((_left_over(points, fit), kernel, fit))
         except LinAlgError:
