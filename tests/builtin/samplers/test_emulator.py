@@ -86,7 +86,7 @@ def test_a_process_follows_what_no_cubic_does_and_knows_its_error():
     rest = lines[1] - across @ inverse @ lines[0]
     exact = kernel.amplitude - np.sum((across @ inverse) * across, axis=1)
     exact += np.sum((rest @ np.linalg.inv(lines[0].T @ inverse @ lines[0])) * rest, axis=1)
-    np.testing.assert_allclose(fit_variance2, exact, rtol=0.05)
+    np.testing.assert_allclose(fit_variance2, exact, rtol=0.08)
     assert kernel.noise * leverage.at(kernel.features(np.full((1, 2), 30.0)))[0] >= kernel.amplitude  # it knows nothing
     by_features = kernel.features(new) @ kernel.of_features(fit.coefficients)
     np.testing.assert_allclose(by_features, terms @ fit.coefficients, atol=1e-7)

@@ -19,7 +19,7 @@ from streamkit import Array, IntArray
 from streamkit.builtin.samplers.emulator.polynomial import Leverage, LowRank, Slopes
 
 # Points that represent the process, those that its lengths are learned from, and steps of learning.
-INDUCING, LEARNED_FROM, STEPS = 800, 400, 25
+INDUCING, LEARNED_FROM, STEPS = 600, 400, 25
 # Lengths in half standard deviations of the points that are expected before any are learned, and how surely in ln.
 EXPECTED, SURE = 4.0, 1.5
 # What is added to the diagonal of the kernel, so that it can be inverted.
@@ -167,8 +167,8 @@ def learn_kernel(
     begin[-1] = max(begin[-1], least)
     bounds = [(np.log(0.3), np.log(100.0))] * c + [(-7.0, 6.0), (least, 2.0)]
     p = minimize(cost, begin, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": STEPS}).x
-    places = x[_some(weight, INDUCING, rng)]
     lengths, amplitude, noise = np.exp(p[:c]), typical * float(np.exp(p[c])), typical * float(np.exp(p[c + 1]))
+    places = x[_spread(x / lengths, weight, INDUCING)]
     return Kernel(places, lengths, amplitude, noise, _principal(places, lengths, UNSEEN * noise / amplitude))
 
 
@@ -178,6 +178,24 @@ def _principal(places: Array, lengths: Array, unseen: float) -> Array:
     rest = np.cumsum(variances) / len(places)  # from the smallest on; each point has a variance of one
     first = int(np.searchsorted(rest, max(unseen, LEAST_UNSEEN)))
     return np.asarray(vectors[:, first:] / np.sqrt(variances[first:]))
+
+
+def _spread(x: Array, weight: Array, most: int) -> IntArray:
+    """(k,) Indices of so many points x (n, c) at most, in units of the lengths, that represent the process best.
+
+    One after another, each is where those before leave most variance times weight (pivoted Cholesky: Fine & Scheinberg
+    2001). Points drawn at random leave thin ends of a posterior without any.
+    """
+    left, rows, chosen = np.ones(len(x)), np.empty((min(most, len(x)), len(x))), []
+    for i in range(len(rows)):
+        new = int(np.argmax(left * weight))
+        if left[new] < LEAST_UNSEEN:
+            break
+        near = np.exp(-0.5 * np.sum((x - x[new]) ** 2, axis=1))
+        rows[i] = (near - rows[:i, new] @ rows[:i]) / np.sqrt(left[new])
+        left = np.maximum(left - rows[i] ** 2, 0.0)
+        chosen.append(new)
+    return np.array(chosen)
 
 
 def _some(weight: Array, most: int, rng: np.random.Generator) -> IntArray:
