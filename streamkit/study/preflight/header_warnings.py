@@ -14,7 +14,7 @@ from streamkit.runfile import Spec, StreamInputs
 from streamkit.stream import Array, named_matrices, place_of, sky_matrix
 
 COMMON = ("icrs", "galactic")  # frames of no stream: a header may say that the data came from them
-SAME = 0.01  # degrees by which the axes of one frame may differ: papers print few digits
+SAME_FRAME = 0.01  # degrees by which the axes of one frame may differ: papers print few digits
 
 
 def header_warnings(spec: Spec, inputs: StreamInputs) -> list[str]:
@@ -36,7 +36,7 @@ def header_warnings(spec: Spec, inputs: StreamInputs) -> list[str]:
                 continue
             frames = named_matrices().items()
             named = {other: matrix for other, matrix in frames if other in text and other not in COMMON}
-            if not named or any(_angle(own, matrix) <= SAME for matrix in named.values()):
+            if not named or any(angle_between(own, matrix) <= SAME_FRAME for matrix in named.values()):
                 continue
             stated, matrix = next(iter(named.items()))
             phi1 = float(np.median(table["phi1"]))
@@ -61,7 +61,7 @@ def _tables(spec: Spec, path: str, observable: Observable) -> Iterator[tuple[str
             yield field, file, table
 
 
-def _angle(one: Array, other: Array) -> float:
+def angle_between(one: Array, other: Array) -> float:
     """Return the largest angle between the axes of two frames, in degrees."""
     return float(np.degrees(np.arccos(np.clip(np.diag(one @ other.T).min(), -1.0, 1.0))))
 

@@ -15,7 +15,7 @@ from streamkit.model import Host
 from streamkit.runfile import Body, ModelInputs, Spec, StreamInputs, Sun
 from streamkit.stream import Stream, sky_matrix
 from streamkit.study.preflight.draws import PriorDraws
-from streamkit.study.preflight.header_warnings import header_warnings
+from streamkit.study.preflight.header_warnings import SAME_FRAME, angle_between, header_warnings
 from streamkit.study.preflight.orbit import HORIZON, OrbitSummary, summarise_orbit
 from streamkit.testing import quick_failures
 from streamkit.units import GYR
@@ -31,7 +31,6 @@ FEWEST_PARTICLES = 100  # with fewer particles the remedy for rare streams is mo
 SLOW_HOST, SPEED_LIMIT = 10.0, 2000.0
 OFF_CENTRE = 0.1  # distance of a galaxy's centre from the origin, in units of the progenitor's distance from it
 LOOKED_AT = 513  # times at which a centre is looked at
-SAME_FRAME = 0.01  # degrees by which the axes of one frame may differ: papers print few digits
 DISSOLVED = 0.01  # share of a progenitor's mass, bound today, below which it has dissolved
 FEW = 300.0  # smallest effective number of particles of a live progenitor, by their weights
 
@@ -144,8 +143,7 @@ def frame_warnings(spec: Spec, inputs: StreamInputs) -> list[str]:
         other = observable.sky_frame()
         if other is None:
             continue
-        turn = sky_matrix(frame) @ sky_matrix(other).T
-        angle = float(np.degrees(np.arccos(np.clip(np.diag(turn).min(), -1.0, 1.0))))
+        angle = angle_between(sky_matrix(frame), sky_matrix(other))
         if angle > SAME_FRAME:
             prefix = spec.prefix(inputs.name)
             warnings.append(

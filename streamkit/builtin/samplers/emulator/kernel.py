@@ -163,7 +163,7 @@ def learn_kernel(
         return float(value), np.concatenate([by_length, [shared.sum(), by_noise]])
 
     begin = np.concatenate([np.full(c, np.log(EXPECTED)), [0.0, np.log(0.1)]])
-    least = min(max(np.log(max(least_noise, 1e-300) / typical), np.log(1e-7)), 1.9)
+    least = float(np.log(np.clip(least_noise / typical, 1e-7, 6.0)))
     begin[-1] = max(begin[-1], least)
     bounds = [(np.log(0.3), np.log(100.0))] * c + [(-7.0, 6.0), (least, 2.0)]
     p = minimize(cost, begin, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": STEPS}).x

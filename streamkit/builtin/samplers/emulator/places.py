@@ -25,7 +25,7 @@ def by_width(samples: Array, rng: np.random.Generator) -> Array:
 def to_call(emulated: Emulated, samples: Array, size: int, rng: np.random.Generator) -> Array:
     """Draw samples (n, d) at which to call, so many if there are: evenly, or `by_width` where calls have no noise.
 
-    Noisy calls by width made worse widths: of a Gaussian posterior with noise of one error 17 % off, evenly 4 %.
+    Noisy calls by width are no better: a banana with noise of half an error had a width 12 % off in one of three seeds.
     """
     size = min(size, len(samples))
     if emulated.emulator.is_silent:

@@ -153,12 +153,11 @@ class Rounds:
             result = go_on(joint, result.last, [*seed, 0])
             copies = self._copies(joint, result, seed)
             now = self._measured(known, joint, result, seed)
-            over, at_ends = self._is_over(known, max_calls), not now.missing
-            if at_ends:
+            over, to_test = self._is_over(known, max_calls), not now.missing
+            if to_test:
                 now = self._tested(known, now, copies, max_calls, seed)
                 result, over = now.populations, self._is_over(known, max_calls)
                 copies[0] = _by_population(result)
-                at_ends = bool(blurred(known))
                 self._note(now.missing or "certified")
             elif over:
                 now = replace(now, populations=sample(joint, self._begin(known, result), [*seed, 2]))
@@ -168,7 +167,7 @@ class Rounds:
             samples = every_so_often(result.samples, 4 * SOME)
             wanted = self._wanted(known, samples, max_calls)
             before = [each.emulated for each in wanted]
-            self._call(known, wanted, copies, seed, ENDS if at_ends else LEAST_KNOWN)
+            self._call(known, wanted, copies, seed, ENDS if to_test and blurred(known) else LEAST_KNOWN)
             self._learn(known, copies)
             self._taught(wanted, before, samples)
             turn += 1
