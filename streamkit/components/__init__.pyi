@@ -9,6 +9,9 @@ from .bases import StrippingScheme as StrippingScheme
 from .given import IN_PYTHON as IN_PYTHON
 from .hookspecs import CONTRACT as CONTRACT
 from .hookspecs import hookimpl as hookimpl
+from .host_centre import FrameForce as FrameForce
+from .host_centre import HostCentre as HostCentre
+from .host_centre import find_host_centre as find_host_centre
 from .host_data import HostData as HostData
 from .host_data import HostView as HostView
 from .live import BlockEdge as BlockEdge

@@ -28,6 +28,7 @@ class Oriented(Component):
     _force_method: ClassVar[str]
     has_drag: ClassVar[Callable[[], bool]]
     _in_time: Mapping[str, InTime] = PrivateAttr({})
+    _origin: Array | None = PrivateAttr(None)
 
     orientation: AngleArray | None = Field(
         default=None,
@@ -42,7 +43,7 @@ class Oriented(Component):
         repr=False,
         description="Its centre as a table of time (t = 0 is today) in the frame of the Galaxy: a cubic spline, or the "
         "cubics of the velocities, if given; a straight line after the last row. It must cover the look-back time. "
-        "A single row is a place at rest.",
+        "A single row is a place at rest. If all parts of a galaxy have the same one, the host's centre is there.",
     )  # fmt: skip
 
     @field_validator("orientation")
@@ -77,7 +78,9 @@ class Oriented(Component):
     @property
     def drifts(self) -> bool:
         """Whether its centre moves."""
-        return self.centre is not None and len(self.centre) > 1
+        if self._origin is None:
+            return self.centre is not None and len(self.centre) > 1
+        return len(self.motion().centre) > 1
 
     @property
     def _turns(self) -> bool:
@@ -87,7 +90,15 @@ class Oriented(Component):
     def motion(self) -> engine.Motion:
         """Return how its centre moves and its axes turn, in engine units."""
         angles = tuple(self._angle(number) for number in range(3)) if self._turns else ()
-        return engine.Motion(angles) if self.centre is None else engine.Motion(angles, _curve(self.centre))
+        motion = engine.Motion(angles) if self.centre is None else engine.Motion(angles, _curve(self.centre))
+        return motion if self._origin is None else motion.seen_from(self._origin)
+
+    def see_from(self, path: Array) -> None:
+        """From now on, count places from a point with this path: cubics, as `engine.Motion.centre` has them.
+
+        A force that depends on velocity stays at the origin, which is the host's centre then too.
+        """
+        self._origin = None if type(self).has_drag() else path
 
     def _angle(self, number: int) -> Array:
         """Return the pieces of an angle in time."""

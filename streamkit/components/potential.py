@@ -171,9 +171,10 @@ class Potential(Changing):
     def share_grid_of(self, other: Potential, place: str) -> None:
         """Use the nodes of another instance's expansion: with other nodes for other parameters ln p would have steps.
 
-        ``place`` is the path in the run file, for messages.
+        Places are counted from the same point as those of the other one. ``place`` is the path in the run file, for
+        messages.
         """
-        self._like, self._place = other, place
+        self._like, self._place, self._origin = other, place, other._origin
 
     @classmethod
     @cache

@@ -34,9 +34,11 @@ def disc_heights(field: Field) -> Array:
     z = r * 0.5 ** np.arange(STEPS)  # falling
     angle = AZIMUTHS[:, None, None]
     q = np.stack([r * np.cos(angle), r * np.sin(angle), z])
+    q = np.concatenate([q, q * [[[[1.0]]], [[[1.0]]], [[[-1.0]]]]], axis=1)  # both sides: a frame may accelerate
     with np.errstate(all="ignore"):
         try:
-            pull = -field.acceleration(0.0, q.reshape(3, -1))[2].reshape(shape) / z
+            above, below = field.acceleration(0.0, q.reshape(3, -1))[2].reshape(2, *shape)
+            pull = 0.5 * (below - above) / z
         except (ComponentError, OutOfDomain):  # raised again if a particle goes where there is no force
             return np.empty(0)
         share = pull / pull[..., -1:]  # of that next to the plane

@@ -19,6 +19,7 @@ AT_REST: Moves = (False, False)
 
 
 NOWHERE = np.zeros((0, 13))
+LATER = 1e-9  # kpc/(km/s): a year
 
 
 class Motion(NamedTuple):
@@ -78,8 +79,56 @@ class Motion(NamedTuple):
             rotation = rotation_of(*(values_at(t, pieces) for pieces in self.angles))
         return np.ascontiguousarray(q if rotation is None else np.stack(to_axes(rotation, *q))), rotation
 
+    def state_at(self, t: float) -> tuple[Array, Array]:
+        """Return position and velocity (3,) of the centre at one time."""
+        if not len(self.centre):
+            return np.zeros(3), np.zeros(3)
+        row = self.centre[int(np.searchsorted(self.centre[1:, 0], t, side="right"))]
+        s, c = t - row[0], row[1:].reshape(3, 4).T
+        return c[0] + s * (c[1] + s * (c[2] + s * c[3])), c[1] + s * (2 * c[2] + s * 3 * c[3])
+
+    def seen_from(self, centre: Array) -> Motion:
+        """Return the same motion as seen from another centre, which moves too: cubics (k, 13) with times of their own.
+
+        Where both centres are the same the force is at the origin.
+        """
+        if np.array_equal(self.centre, centre):
+            return Motion(self.angles)
+        knots = np.unique(np.concatenate([self.centre[1:, 0], centre[1:, 0]]))
+        first = knots[np.maximum(np.arange(len(knots) + 1) - 1, 0)] if len(knots) else np.zeros(1)
+        moved = _begun_at(first, self.centre) - _begun_at(first, centre)
+        return Motion(self.angles, np.ascontiguousarray(np.concatenate([first[:, None], moved], axis=1)))
+
+    def pushes(self) -> tuple[Array, ...]:
+        """Return minus the acceleration of the centre: the pieces (k, 6) of x, y and z in time, as `Changes` has them.
+
+        The straight line after the end begins a year later: the last step of a stream ends there, and has no jump.
+        """
+        pieces = np.zeros((3, len(self.centre), 6))
+        pieces[:, :, 0] = self.centre[:, 0]
+        c = self.centre[:, 1:].reshape(-1, 3, 4).transpose(1, 0, 2)
+        pieces[:, :, 1], pieces[:, :, 2] = -2.0 * c[:, :, 2], -6.0 * c[:, :, 3]
+        pieces[:, -1, 0] += LATER
+        return tuple(pieces)
+
 
 STILL = Motion()
+
+
+def _begun_at(first: Array, centre: Array) -> Array:
+    """(n, 12) Coefficients of a centre's cubics from other times (n,) on; the first is for all times before too."""
+    if not len(centre):
+        return np.zeros((len(first), 12))
+    rows = np.searchsorted(centre[1:, 0], first, side="right")
+    rows[0] = 0
+    s, c = (first - centre[rows, 0])[:, None], centre[rows, 1:].reshape(-1, 3, 4).transpose(2, 0, 1)
+    cubics = (
+        c[0] + s * (c[1] + s * (c[2] + s * c[3])),
+        c[1] + s * (2 * c[2] + s * 3 * c[3]),
+        c[2] + s * 3 * c[3],
+        c[3],
+    )
+    return np.stack(cubics, axis=-1).reshape(-1, 12)
 
 
 def centre_in_time(t: Any, table: Any) -> Any:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from streamkit.components import Potential, Total, add_up, sphere
+from streamkit.components import FrameForce, Potential, Total, add_up, sphere
 from streamkit.engine import NO_FRICTION, Centre, Field, Friction, build_field, follow_bodies, with_disc
 from streamkit.errors import OutOfDomain
 from streamkit.model.friction import friction_table, friction_times
@@ -125,7 +125,8 @@ class Host:
 
     def _friction(self, t1: float) -> Friction:
         """Return the table of dynamical friction from today to t1."""
-        changes = [pieces[1:, 0] for p in self.potentials.values() for _, pieces in p.changes()]
+        parts = [p for p in self.potentials.values() if not isinstance(p, FrameForce)]  # which has no mass
+        changes = [pieces[1:, 0] for p in parts for _, pieces in p.changes()]
         times = friction_times(self.alone, changes, t1)
         if len(times) > 1:
             return friction_table(self.alone, *sphere(*COARSE), times)

@@ -8,7 +8,7 @@ from functools import cache
 from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, create_model, model_validator
+from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, create_model, model_validator
 
 from streamkit.components import Potential, circular_speed
 from streamkit.errors import OutOfDomain, StreamkitError
@@ -58,6 +58,7 @@ class Sun(BaseModel):
         default=7.25, description="Peculiar velocity towards the north Galactic pole."
     )
     z: Annotated[Coordinate, Symbol(r"$z_\odot$")] = Field(default=0.0, description="Height above the plane.")
+    _host_centre: tuple[Any, Any] = PrivateAttr(((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
 
     @model_validator(mode="after")
     def _near_the_plane(self) -> Sun:
@@ -75,8 +76,15 @@ class Sun(BaseModel):
     @property
     def observer(self) -> Observer:
         """The Sun as an observer."""
-        u, v, w = self.velocity.tolist()
-        return Observer(self.r0, self.z, (u, v, w))
+        place, motion = self._host_centre
+        u, v, w = (self.velocity - np.array(motion)).tolist()
+        return Observer(self.r0, self.z, (u, v, w), place)
+
+    def beside(self, q: Array, v: Array) -> Sun:
+        """Return the Sun as seen from a host's centre with position q (3,) in kpc and velocity v (3,) in km/s today."""
+        sun = self.model_copy()
+        sun._host_centre = tuple(q.tolist()), tuple(v.tolist())
+        return sun
 
     def tied(self, potentials: Iterable[Potential]) -> Sun:
         """Return the Sun with v_circ = "host" replaced by the circular speed of the potentials at R0 in the plane.

@@ -9,7 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from streamkit.components import HostData, Integrator, Observable, Potential, Sampler, StrippingScheme
+from streamkit.components import (
+    HostCentre,
+    HostData,
+    Integrator,
+    Observable,
+    Potential,
+    Sampler,
+    StrippingScheme,
+    find_host_centre,
+)
 from streamkit.runfile.body_table import BodyTable, Meeting, Together
 from streamkit.runfile.encounter import Encounter
 from streamkit.runfile.inputs import ONLY, Body, FlyBy, ModelInputs, StreamInputs, mass_of
@@ -96,10 +105,28 @@ class Sections:
         return stream_seed(self.seed, "" if stream == ONLY else stream)
 
     def host(self, values: Mapping[str, float]) -> dict[str, Potential]:
-        """Return the potentials of the host; those that depend on it see the others; raises as `bound`."""
+        """Return the potentials of the host; those that depend on it see the others; raises as `bound`.
+
+        Where the host's centre moves, they are as seen from it, with the force of this frame.
+        """
+        force = None if self.host_centre is None else self.host_centre.force
+        parts = self._parts(values)
+        return parts if force is None else parts | {force.kind: force}
+
+    def _parts(self, values: Mapping[str, float]) -> dict[str, Potential]:
         if not any(section.priors for section in self.potentials.values()):
             return dict(self._centre_of_host)
         return self._joined({name: section.build(values) for name, section in self.potentials.items()})
+
+    @cached_property
+    def host_centre(self) -> HostCentre | None:
+        """The path of the host's centre, from which its parts are then seen; None if it is the origin."""
+        parts = {name: section.centre for name, section in self.potentials.items()}
+        found = find_host_centre(beside_each_other(parts).values())
+        if found is not None:
+            for part in parts.values():
+                part.see_from(found.path)
+        return found
 
     @cached_property
     def _centre_of_host(self) -> dict[str, Potential]:
@@ -118,6 +145,8 @@ class Sections:
         """Return all streams at the values of the free parameters by name; OutOfDomain if one breaks its field."""
         potentials = self.host(values)
         sun, integrator = self.sun.build(values).tied(potentials.values()), self.integrator.build(values)
+        q0, v0 = (np.zeros(3), np.zeros(3)) if self.host_centre is None else self.host_centre.today
+        seen = sun if self.host_centre is None else sun.beside(q0, v0)
         bodies: dict[str, Body] = {}
         flybys: dict[str, dict[str, FlyBy]] = {name: {} for name in self.streams}
         for name, (potential, place) in self.bodies.items():
@@ -134,7 +163,7 @@ class Sections:
             for i, (each, there) in enumerate(rows, start=1):
                 q, v = there.today(sun)
                 key = f"{name}, row {i}" if isinstance(at, Together) else name
-                bodies[key] = Body(each, q, v, there.friction != "none", there.reflex)
+                bodies[key] = Body(each, q - q0, v - v0, there.friction != "none", there.reflex)
         streams = {}
         for name, stream in self.streams.items():
             satellite, phase = stream.satellite.build(values), stream.phase.build(values)
@@ -143,8 +172,8 @@ class Sections:
                 potentials=potentials,
                 satellite=satellite,
                 mass=mass_of(satellite, "the progenitor"),
-                q=q,
-                v=v,
+                q=q - q0,
+                v=v - v0,
                 lookback=phase.lookback,
                 stripping=stream.stripping.build(values),
                 integrator=integrator,
@@ -155,12 +184,12 @@ class Sections:
                 flybys=flybys[name],
                 friction=phase.friction == "chandrasekhar",
                 reflex=bool(phase.reflex),
-                sun=sun,
+                sun=seen,
                 name=name,
             )
         data = {name: section.build(values) for name, section in self.data.items()}
         numbers = {path: values.get(path, number) for path, number in self._read.items()}
-        return ModelInputs(potentials, bodies, sun, streams, data, dict(values), numbers)
+        return ModelInputs(potentials, bodies, seen, streams, data, dict(values), numbers)
 
     @property
     def of_host(self) -> list[Section[Any]]:

@@ -20,11 +20,14 @@ class Observer:
         Distance from the Galactic centre and height above the plane, kpc.
     velocity
         Galactocentric velocity (towards the centre, along the rotation, towards the north Galactic pole), km/s.
+    centre
+        Where the host's centre is today along these axes, kpc: it is the origin, unless the run file gives it a path.
     """
 
     r0: float = 8.0
     z: float = 0.0
     velocity: tuple[float, float, float] = (11.1, 237.0 + 12.24, 7.25)
+    centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     @property
     def tilt(self) -> Array:
@@ -35,8 +38,8 @@ class Observer:
 
     @property
     def q(self) -> Array:
-        """(3,) Galactocentric position, kpc."""
-        return np.asarray(self.tilt @ np.array([-self.r0, 0.0, 0.0]))
+        """(3,) Position from the host's centre, kpc."""
+        return np.asarray(self.tilt @ np.array([-self.r0, 0.0, 0.0]) - np.array(self.centre))
 
     @property
     def v(self) -> Array:

@@ -38,7 +38,7 @@ FEW = 300.0  # smallest effective number of particles of a live progenitor, by t
 def stream_warnings(spec: Spec, inputs: StreamInputs, orbit: OrbitSummary) -> list[str]:
     """Return the warnings about one stream: its orbit, its progenitor, its frames and its stripping scheme."""
     about_orbit, about_progenitor = orbit_warnings(spec, inputs, orbit), progenitor_warnings(inputs, orbit)
-    about_frames = frame_warnings(spec, inputs) + header_warnings(spec, inputs) + origin_warnings(inputs)
+    about_frames = frame_warnings(spec, inputs) + header_warnings(spec, inputs) + origin_warnings(spec, inputs)
     return [*about_orbit, *about_progenitor, *about_frames, *live_warnings(spec, inputs)]
 
 
@@ -155,11 +155,11 @@ def frame_warnings(spec: Spec, inputs: StreamInputs) -> list[str]:
     return warnings
 
 
-def origin_warnings(inputs: StreamInputs) -> list[str]:
-    """Return a warning about a galaxy that leaves the origin, if it is the one that holds the progenitor today.
+def origin_warnings(spec: Spec, inputs: StreamInputs) -> list[str]:
+    """Return a warning about a galaxy that leaves the host's centre, if it is the one that holds the progenitor today.
 
-    It is the part of the host, among those with a centre of their own, that pulls the progenitor most, and more than
-    all other parts together. Steps, tidal radii and apocentres are measured from the origin.
+    It is the part of the host, among those that are elsewhere, that pulls the progenitor most, and more than all other
+    parts together. Steps, tidal radii and apocentres are measured from the host's centre: see `find_host_centre`.
     """
     own = {name: p for name, p in inputs.potentials.items() if len(p.motion().centre)}
     if not own:
@@ -176,12 +176,18 @@ def origin_warnings(inputs: StreamInputs) -> list[str]:
     if away.max() <= OFF_CENTRE * here:
         return []
     farthest = int(np.argmax(away))
+    where, why, remedy = (
+        "the origin", "Other parts have no centre, and", "If they belong to the same galaxy, give them the same centre."
+    ) if spec.sections.host_centre is None else (
+        "the centre of the host",
+        "The host is the galaxy with most mass within 30 kpc of its centre, and",
+        "Make a run file in which this galaxy is at the origin: subtract its centre from all others, and give minus "
+        "its acceleration by a part of the kind 'uniform_acceleration'.",
+    )  # fmt: skip
     return [
-        f"potential.{name}.centre is up to {away[farthest]:.3g} kpc from the origin, {-t[farthest] / GYR:.3g} Gyr ago, "
-        f"and the progenitor is {here:.3g} kpc from that centre today. The steps of the integrator, tidal radii and "
-        "apocentres are measured from the origin: steps may be too long, and the other two are wrong. Let the origin "
-        f"move with the galaxy: leave out potential.{name}.centre, subtract it from the centres of other parts, and "
-        "give minus its acceleration by a part of the kind 'uniform_acceleration'."
+        f"potential.{name}.centre is up to {away[farthest]:.3g} kpc from {where}, {-t[farthest] / GYR:.3g} Gyr ago, "
+        f"and the progenitor is {here:.3g} kpc from that centre today. {why} the steps of the integrator, tidal radii "
+        f"and apocentres are measured from {where}: steps may be too long, and the other two are wrong. {remedy}"
     ]
 
 
