@@ -116,6 +116,30 @@ def test_noise_averages_out():
     np.testing.assert_allclose(found.noise, np.broadcast_to(problem.errors**2, found.noise.shape), rtol=1e-6)
 
 
+def test_a_call_that_says_how_noisy_it_is_does_not_decide_the_fit():
+    """One of 400 calls is 60 errors off, and states so."""
+    problem = OfToy(Wavy(), noise=0.3)
+    calls = called(problem, 400)
+    y = np.random.default_rng(9).normal(scale=0.5, size=(300, 3))
+    true = problem.toy.mean(y.T).T
+
+    def off():
+        return np.sqrt(np.mean(((calls.learn().predict(y).mean - true) / problem.errors) ** 2))
+
+    without, middle = off(), int(np.argmin(np.sum(calls.y**2, axis=1)))
+    calls.answers.mean[middle, 1] += 60 * problem.errors[1]
+    calls.answers.variance[middle, 1] = (60 * problem.errors[1]) ** 2
+    assert off() < 1.5 * without < 0.12
+
+
+class Wavy(Curved):
+    """What no polynomial of low degree follows."""
+
+    def mean(self, theta):
+        x, y, z = theta
+        return np.array([x + 0.5 * np.sin(3 * y), z - x])
+
+
 def as_it_is(problem):
     return problem
 

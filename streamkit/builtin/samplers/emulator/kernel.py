@@ -22,6 +22,9 @@ from streamkit.builtin.samplers.emulator.polynomial import Leverage, LowRank, Sl
 INDUCING, LEARNED_FROM, STEPS = 600, 400, 25
 # Lengths in half standard deviations of the points that are expected before any are learned, and how surely in ln.
 EXPECTED, SURE = 4.0, 1.5
+# Logarithms of amplitudes, in variances of the targets, that learning begins from, and the largest one. The marginal
+# likelihood may have two maxima: one of long lengths with an amplitude of hundreds, and one of short lengths and noise.
+AMPLITUDES, LARGEST = (5.0, 0.0), 10.0
 # What is added to the diagonal of the kernel, so that it can be inverted.
 JITTER = 1e-7
 # Variance that need not be represented: as a fraction of the noise, and in any case as one of the process itself.
@@ -162,11 +165,12 @@ def learn_kernel(
         by_noise = noise * np.sum(np.diag(slope) * scale)
         return float(value), np.concatenate([by_length, [shared.sum(), by_noise]])
 
-    begin = np.concatenate([np.full(c, np.log(EXPECTED)), [0.0, np.log(0.1)]])
     least = float(np.log(np.clip(least_noise / typical, 1e-7, 6.0)))
-    begin[-1] = max(begin[-1], least)
-    bounds = [(np.log(0.3), np.log(100.0))] * c + [(-7.0, 6.0), (least, 2.0)]
-    p = minimize(cost, begin, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": STEPS}).x
+    bounds = [(np.log(0.3), np.log(100.0))] * c + [(-7.0, LARGEST), (least, 2.0)]
+    begins = ([np.log(EXPECTED)] * c + [each, max(np.log(0.1), least)] for each in AMPLITUDES)
+    found = [minimize(cost, each, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": STEPS})
+             for each in begins]  # fmt: skip
+    p = min(found, key=lambda each: float(each.fun)).x
     lengths, amplitude, noise = np.exp(p[:c]), typical * float(np.exp(p[c])), typical * float(np.exp(p[c + 1]))
     places = x[_spread(x / lengths, weight, INDUCING)]
     return Kernel(places, lengths, amplitude, noise, _principal(places, lengths, UNSEEN * noise / amplitude))

@@ -10,7 +10,7 @@ from scipy.linalg import LinAlgError
 from scipy.special import expit
 
 from streamkit import Array, BoolArray, IntArray
-from streamkit.builtin.samplers.emulator.emulator import Emulator
+from streamkit.builtin.samplers.emulator.emulator import SILENCE, Emulator
 from streamkit.builtin.samplers.emulator.kernel import Kernel, learn_kernel
 from streamkit.builtin.samplers.emulator.pairs import ENOUGH as ENOUGH_PAIRS
 from streamkit.builtin.samplers.emulator.pairs import pairs_of
@@ -30,6 +30,9 @@ NEAR = 10.0
 ENOUGH = 2.0
 # Points at least, and for each parameter, on which errors are measured if fewer are close.
 LEAST_CLOSE, CLOSE = 40, 3
+# A call counts less if its stated noise is larger than that of most calls, this fraction of them, by this factor: one
+# such call could decide the lengths of a process alone.
+MOST, NOISY = 0.9, 10.0
 # Points that count less than this are not used for the lengths of a Gaussian process.
 LEAST_WEIGHT = 0.02
 # The fit is trusted to |x|^2 of the farthest near point times this.
@@ -125,6 +128,11 @@ class _Points:
     close: BoolArray
     pairs: IntArray
 
+    @property
+    def typical_noise(self) -> Array:
+        """(m,) The mean of the stated variances near the data."""
+        return np.asarray(np.average(self.noise[self.close], axis=0, weights=self.weight[self.close]))
+
 
 def _fitted(problem: Problem, y: Array, answers: Answers, lnl: Array) -> Emulator | None:
     """Fit with weights by this ln likelihood (n,); None where the points do not span the terms."""
@@ -169,10 +177,13 @@ def _points(problem: Problem, y: Array, answers: Answers, lnl: Array) -> _Points
     """Weigh and whiten calls with predictions at coordinates y (n, d)."""
     used, z = np.isfinite(problem.values), y[:, problem.coordinates]
     weight = weights(lnl, y.shape[1], ENOUGH * count(z.shape[1], 2))
-    centre, whiten = whitening(z, weight)
-    x, errors = (z - centre) @ whiten, problem.errors[used]
-    target = (answers.mean[:, used] - problem.values[used]) / errors
+    errors = problem.errors[used]
     noise = answers.variance[:, used] / errors**2
+    typical = np.maximum(NOISY * np.quantile(noise, MOST, axis=0), SILENCE)
+    weight /= np.max(np.maximum(noise / typical, 1.0), axis=1)
+    centre, whiten = whitening(z, weight)
+    x = (z - centre) @ whiten
+    target = (answers.mean[:, used] - problem.values[used]) / errors
     return _Points(centre, whiten, x, target, noise, weight, nearest(lnl, y.shape[1]), pairs_of(x))
 
 
@@ -200,7 +211,7 @@ def _best_regression(points: _Points) -> tuple[Polynomial | Kernel, Regression] 
             fits.append((_left_over(points, fit), Polynomial(degree), fit))
     if not fits:
         return None
-    noisy = float(points.noise[points.close].mean(axis=0).sum())
+    noisy = float(points.typical_noise.sum())
     m = points.target.shape[1]
     if min(fits, key=_first)[0] > WORTH * noisy + EXACT * m:
         try:
@@ -237,7 +248,7 @@ def _errors(points: _Points, fit: Regression) -> _Errors:
     apart = (points.x[points.pairs[:, 0]] != points.x[points.pairs[:, 1]]).any(axis=1)  # one call has one noise
     pairs = points.pairs[both & apart]
     more = unstated(points.target[pairs], points.noise[pairs])
-    stated = points.noise[points.close].mean(axis=0)
+    stated = points.typical_noise
     uncertain = 2 / points.close.sum() + np.where(more > 0, 2 / max(len(pairs), 1), 0.0)
     lack_of_fit = np.maximum(residual - (stated + more) * (1 + CHANCE * np.sqrt(uncertain)), 0.0)
     return _Errors(residual, lack_of_fit, more, stated, len(pairs) if len(pairs) >= ENOUGH_PAIRS else 0)
