@@ -142,7 +142,7 @@ def joint(count: int) -> dict[str, Any]:
     moves, spent = walkers.moves(places), []
     for step in (
         lambda: moves.sweep(factors, walkers.z, walkers.terms, 1.0, rng),
-        lambda: moves._newton(factors, walkers.z, walkers.terms, 1.0, rng),
+        lambda: moves._follow_surface(factors, walkers.z, walkers.terms, 1.0, rng),
     ):
         step()
         begin = time.process_time()

@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 from scipy import stats
 
-from streamkit.builtin.samplers.emulator.density import Factor, Layout, Terms
+from streamkit.builtin.samplers.emulator.density import Factor, Layout, Tangent, Terms
 from streamkit.builtin.samplers.emulator.problem import Answers
 
 
@@ -43,14 +43,14 @@ class LinearFactors:
     def ln_likelihood(self, k, h, s):
         return -0.5 * np.sum((h @ self.host[k].T + s @ self.mine[k].T - self.data[k]) ** 2, axis=1)
 
-    def newton(self, y):
-        h, slopes, curvature = y[:, self.layout.shared], np.zeros(y.shape), np.zeros((y.shape[1],) * 2)
+    def tangents(self, y):
+        h, found = y[:, self.layout.shared], []
         for k, own in enumerate(self.layout.own):
-            design = np.zeros((len(self.data[k]), y.shape[1]))
-            design[:, self.layout.shared], design[:, own] = self.host[k], self.mine[k]
-            slopes += (self.data[k] - h @ self.host[k].T - y[:, own] @ self.mine[k].T) @ design
-            curvature += design.T @ design
-        return slopes, np.tile(curvature, (len(y), 1, 1))
+            away = h @ self.host[k].T + y[:, own] @ self.mine[k].T - self.data[k]
+            slopes = np.concatenate([self.host[k], self.mine[k]], axis=1).T
+            columns = np.concatenate([self.layout.shared, own])
+            found.append(Tangent.of(away, np.tile(slopes, (len(y), 1, 1)), columns))
+        return found
 
     def answer(self):
         """Mean (d,) and covariance (d, d) of the joint posterior."""

@@ -7,7 +7,7 @@ import pytest
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
-from streamkit.builtin.samplers.emulator.density import Layout, Terms
+from streamkit.builtin.samplers.emulator.density import Layout, Tangent, Terms
 from streamkit.builtin.samplers.emulator.evidence import ln_evidence
 from streamkit.builtin.samplers.emulator.populations import sample
 
@@ -28,9 +28,9 @@ class Gaussians:
         prior = [np.zeros(len(z)), -0.5 * np.sum(z**2, axis=1)]
         return Terms(np.stack(prior, axis=1), np.reshape(logsumexp(each, axis=0), (-1, 1)))
 
-    def newton(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        curvature = np.linalg.inv(self.covariances[0])
-        return (self.means[0] - z) @ curvature, np.tile(curvature, (len(z), 1, 1))
+    def tangents(self, z: np.ndarray) -> list[Tangent]:
+        root = np.linalg.cholesky(np.linalg.inv(self.covariances[0]))
+        return [Tangent.of((z - self.means[0]) @ root, np.tile(root, (len(z), 1, 1)), np.arange(z.shape[1]))]
 
     @property
     def ln_evidence(self) -> float:

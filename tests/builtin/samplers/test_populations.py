@@ -44,15 +44,15 @@ def test_gaussian_factors(factors: int, own: int) -> None:
     assert 1000 * per_sample < COSTLY
 
 
-def test_a_step_about_the_gaussian_of_linear_predictions_is_always_accepted() -> None:
-    """Of any damping: with the exact slopes of a Gaussian such steps are reversible."""
+def test_trajectories_along_the_surface_leave_a_gaussian_as_it_is() -> None:
+    """With the exact residuals of a Gaussian the surface is flat: nearly all are accepted, and far."""
     target, rng = LinearFactors(3, own=2), np.random.default_rng(1)
     mean, covariance = target.answer()
-    z = rng.multivariate_normal(mean, covariance, 400)
+    z = rng.multivariate_normal(mean, covariance, 2000)
     moves = Moves(target.layout, z, rng)
-    moved, terms = moves._newton(target, z, target.terms(z), 1.0, rng)
-    assert moves.accepted[3] == pytest.approx(1.0)
-    assert_right(moved, z.mean(axis=0), covariance)
+    moved, terms = moves._follow_surface(target, z, target.terms(z), 1.0, rng)
+    assert moves.accepted[3] > 0.85
+    assert_right(moved, mean, covariance)
     np.testing.assert_allclose(terms.total(1.0), target.terms(moved).total(1.0))
 
 

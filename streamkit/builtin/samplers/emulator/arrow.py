@@ -109,6 +109,25 @@ class Arrow(NamedTuple):
         return np.asarray(sum(np.log(np.einsum("nii->ni", root)).sum(axis=1) for root in roots))
 
 
+def solved(matrices: Array, right: Array, layout: Layout) -> Array:
+    """(n, d) Return x with M x = right (n, d), for matrices M (n, d, d) of this form, which need not be symmetric.
+
+    Raises LinAlgError where one is singular.
+    """
+    shared, x = layout.shared, np.empty_like(right)
+    left, rest, found = _part(matrices, shared, shared), right[:, shared, None], []
+    for own in layout.own:
+        both = np.concatenate([_part(matrices, own, shared), right[:, own, None]], axis=2)
+        both = np.linalg.solve(_part(matrices, own, own), both)
+        across = np.matmul(_part(matrices, shared, own), both)
+        left, rest = left - across[:, :, :-1], rest - across[:, :, -1:]
+        found.append(both)
+    x[:, shared] = h = np.linalg.solve(left, rest)[:, :, 0]
+    for own, both in zip(layout.own, found, strict=True):
+        x[:, own] = both[:, :, -1] - _times(both[:, :, :-1], h)
+    return x
+
+
 def _part(matrices: Array, rows: IntArray, columns: IntArray) -> Array:
     return np.asarray(matrices[:, rows[:, None], columns])
 

@@ -82,6 +82,37 @@ class Terms(NamedTuple):
         return Terms(*(np.where(rows, new, old) for old, new in zip(self, other, strict=True)))
 
 
+class Tangent(NamedTuple):
+    """What the data of one factor say at n places, and how it changes there.
+
+    Attributes
+    ----------
+    columns
+        (c,) the coordinates that it depends on.
+    force
+        (n, c) slopes of ln L.
+    residuals
+        (n, m) of predictions from the data, in units of their errors: ln L is about minus half the sum of their squares.
+        None are known of an ln L that is learned as a whole, m = 0.
+    along
+        (n, c, m) slopes of the residuals.
+    """
+
+    columns: IntArray
+    force: Array
+    residuals: Array
+    along: Array
+
+    @classmethod
+    def of(cls, residuals: Array, along: Array, columns: IntArray) -> Tangent:
+        """Return that of residuals (n, m) with these slopes (n, c, m)."""
+        return cls(columns, -np.matmul(along, residuals[:, :, None])[:, :, 0], residuals, along)
+
+    def take(self, rows: IntArray) -> Tangent:
+        """Return that at some of the places."""
+        return Tangent(self.columns, self.force[rows], self.residuals[rows], self.along[rows])
+
+
 class Density(Protocol):
     """A density of this form, of coordinates in which the prior is a standard normal."""
 
@@ -92,10 +123,10 @@ class Density(Protocol):
     def terms(self, z: Array) -> Terms:
         """Return the terms at coordinates z (n, d)."""
 
-    def newton(self, z: Array) -> tuple[Array, Array]:
-        """(n, d) and (n, d, d) Return about the slopes of the sum of ln L at z (n, d), and about minus its curvature.
+    def tangents(self, z: Array) -> Sequence[Tangent]:
+        """Return about what the data of each factor say at z (n, d).
 
-        Steps along them are accepted more often; the density of the samples does not depend on them.
+        Walkers follow it, so that more of their steps are accepted; the density of the samples does not depend on it.
         """
 
 
@@ -133,11 +164,14 @@ class Emulated:
         """(n,) What the emulator's own error changes of ln likelihood at z (n, d)."""
         return self.ln_likelihood(z) - self.ln_likelihood(z, fit_error=False)
 
-    def newton(self, z: Array) -> tuple[Array, Array]:
-        """(n, d) and (n, d, d) Slopes and curvature along z, see `Emulator.newton`."""
+    def tangent(self, z: Array, columns: IntArray) -> Tangent:
+        """Return what its data say at z (n, c), which are these coordinates of a posterior."""
         y, rates = self.space.learned_with_rates(z)
-        slopes, curvature = self.emulator.newton(y, self.noise)
-        return slopes * rates, curvature * rates[:, :, None] * rates[:, None]
+        values, along = self.emulator.linear(y, self.noise)
+        along = along * rates[:, :, None]
+        if self.emulator.problem.is_ln_likelihood:
+            return Tangent(columns, along[:, :, 0], values[:, :0], along[:, :, :0])
+        return Tangent.of(values, along, columns)
 
     def redrawn(self, rng: np.random.Generator) -> Emulated:
         """Return what other noise in the calls could have given."""
@@ -218,21 +252,11 @@ class Joint:
                    for factor, each in zip(self.factors, self.emulated, strict=True)]  # fmt: skip
         return np.stack(columns, axis=1)
 
-    def newton(self, z: Array) -> tuple[Array, Array]:
-        """(n, d) and (n, d, d) Slopes and curvature of the sum of ln L along z."""
-        slopes, curvature = np.zeros(z.shape), np.zeros((*z.shape, z.shape[1]))
-        for factor, each in zip(self.factors, self.emulated, strict=True):
-            add_newton(slopes, curvature, each, z, factor.columns)
-        return slopes, curvature
+    def tangents(self, z: Array) -> list[Tangent]:
+        """Return what the data of each factor say at z (n, d)."""
+        pairs = zip(self.factors, self.emulated, strict=True)
+        return [each.tangent(z[:, factor.columns], factor.columns) for factor, each in pairs]
 
     def unlimited(self) -> Joint:
         """Return the posterior in which an emulator's own error may add any amount to ln L."""
         return replace(self, emulated=[each.unlimited() for each in self.emulated])
-
-
-def add_newton(slopes: Array, curvature: Array, each: Emulated, z: Array, columns: IntArray | BoolArray) -> None:
-    """Add a likelihood that depends on these columns of z (n, d) to slopes (n, d) and curvature (n, d, d)."""
-    its_slopes, its_curvature = each.newton(z[:, columns])
-    slopes[:, columns] += its_slopes
-    rows, across = np.ix_(columns, columns)
-    curvature[:, rows, across] += its_curvature

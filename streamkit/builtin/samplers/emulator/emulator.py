@@ -180,23 +180,17 @@ class Emulator:
         away = ((predicted.mean - self.problem.values) / errors)[:, used]
         return np.asarray(0.5 * np.sum(away**2, axis=1) * (predicted.fit_variance / errors**2)[:, used].max(axis=1))
 
-    def newton(self, y: Array, noise: bool = False) -> tuple[Array, Array]:
-        """(n, d) and (n, d, d) Slopes and curvature of -ln L at y (n, d), by linear predictions (Gauss and Newton).
+    def linear(self, y: Array, noise: bool = False) -> tuple[Array, Array]:
+        """(n, m) and (n, d, m) Residuals of the predictions at y (n, d), and their slopes, in errors of the data.
 
-        For Gaussian errors that do not depend on the place. The likelihood of the run file may be another one: these
-        slopes only propose. No curvature is known of a ln L that is learned as a whole.
+        These are the typical errors, with those of the fit: no part of the likelihood but what walkers follow. Of a
+        ln L that is learned as a whole return ln L and its slopes.
         """
         values, along = self._along((y[:, self.problem.coordinates] - self.centre) @ self.whiten)
-        along = np.matmul(self.whiten, along)  # (n, c, m)
-        d = y.shape[1]
-        slopes, curvature = np.zeros((len(y), d)), np.zeros((len(y), d, d))
-        here = self.problem.coordinates
+        slopes = np.zeros((*y.shape, values.shape[1]))
+        slopes[:, self.problem.coordinates] = np.matmul(self.whiten, along)
         if self.problem.is_ln_likelihood:
-            slopes[:, here] = along[:, :, 0]
-            return slopes, curvature
+            return values, slopes
         of_call = self.stated_variance + self.unstated_variance if noise else 0.0
-        weighed = along / (1.0 + self.typical_fit_variance + of_call)
-        slopes[:, here] = -np.matmul(weighed, values[:, :, None])[:, :, 0]
-        rows, columns = np.ix_(here, here)
-        curvature[:, rows, columns] = np.matmul(weighed, along.transpose(0, 2, 1))
-        return slopes, curvature
+        error = np.sqrt(1.0 + self.typical_fit_variance + of_call)
+        return values / error, slopes / error

@@ -9,7 +9,6 @@ of equal prior variance, and predicts by features, the kernel itself, with matri
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.linalg import cholesky, eigh, solve_triangular
@@ -101,32 +100,27 @@ class Kernel:
         return np.concatenate([features[:, :line], features[:, line:] @ self.inverse], axis=1)
 
     def along(self, coefficients: LowRank) -> Slopes:
-        """Return processes with coefficients (features, m), and their slopes, as a function of x.
-
-        In single precision: slopes propose, and decide nothing.
-        """
-        c, single = len(self.lengths), np.float32
-        lengths, places = self.lengths.astype(single), self.places.astype(single)
+        """Return processes with coefficients (features, m), and their slopes, as a function of x."""
+        c, lengths, places = len(self.lengths), self.lengths, self.places
         whole = coefficients.whole
-        line, weights = whole[: 1 + c].astype(single), whole[1 + c :].astype(single)
+        line, weights = whole[: 1 + c], whole[1 + c :]
         weighed = np.concatenate([places[:, i, None] * weights for i in range(c)], axis=1)  # (q, c m)
 
         def slopes(x: Array) -> tuple[Array, Array]:
-            x = x.astype(single)
             near = squared_exponential(x, places, lengths)
             process = near @ weights
             toward = (near @ weighed).reshape(len(x), c, -1) - x[:, :, None] * process[:, None]
             values = line[0] + x @ line[1:] + process
-            return values.astype(float), (line[1:] + toward / lengths[:, None] ** 2).astype(float)
+            return values, line[1:] + toward / lengths[:, None] ** 2
 
         return slopes
 
 
-def squared_exponential(a: Any, b: Any, lengths: Any) -> Any:
-    """(n, q) exp(-r^2 / 2) between points a (n, c) and b (q, c), r in units of the lengths; in single or double."""
+def squared_exponential(a: Array, b: Array, lengths: Array) -> Array:
+    """(n, q) exp(-r^2 / 2) between points a (n, c) and b (q, c), r in units of the lengths."""
     a, b = a / lengths, b / lengths
     r2 = np.sum(a**2, axis=1)[:, None] + np.sum(b**2, axis=1) - 2 * a @ b.T
-    return np.exp(-0.5 * np.maximum(r2, 0.0))
+    return np.asarray(np.exp(-0.5 * np.maximum(r2, 0.0)))
 
 
 def learn_kernel(

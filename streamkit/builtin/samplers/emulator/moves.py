@@ -1,34 +1,24 @@
-"""The moves of a population: by a Gaussian mixture of it, by differences of it, and by linear predictions.
+"""The moves of a population: by a Gaussian mixture of it, by differences of it, and along the posterior's surface.
 
-A posterior with bends or several modes is locally Gaussian, which the mixture follows. Differential evolution (ter
-Braak & Vrugt 2008, without its snooker move) reaches where the mixture is wrong. Both move the shared coordinates, and
-then those of each factor, which the others do not depend on: each factor accepts for itself. The third kind moves all
-coordinates: where predictions are nearly linear, the posterior is a Gaussian that each walker knows from their slopes
-at its place (stochastic Newton: Martin et al. 2012), so that steps are short across a thin sheet and long in it. They
-are damped (Levenberg 1944; Marquardt 1963) by various amounts: some are short where the sheet is bent.
+A posterior with several modes is locally Gaussian, which the mixture follows. Differential evolution (ter Braak & Vrugt
+2008, without its snooker move) reaches where the mixture is wrong. Both move the shared coordinates, and then those of
+each factor, which the others do not depend on: each factor accepts for itself. The third kind moves all coordinates,
+along a sheet that is thin and bent, see `geodesic`.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from streamkit import Array, IntArray
-from streamkit.builtin.samplers.emulator.arrow import Arrow
 from streamkit.builtin.samplers.emulator.density import Density, Layout, Terms
+from streamkit.builtin.samplers.emulator.geodesic import Surface, trajectory
 from streamkit.builtin.samplers.emulator.mixture import Mixture
 
 # Lengths of Crank-Nicolson steps, of which each walker draws one.
 LENGTHS = (0.25, 0.5, 0.8, 1.0)
 # Lengths of differences in units of the best one for a Gaussian, 2.38 / sqrt(2 d), and the fraction of whole ones.
 DIFFERENCES, WHOLE = (1.0, 0.5, 0.2), 0.2
-# How far a step about a local Gaussian reaches, in standard deviations of the population: each walker draws one between
-# these, by its logarithm. And the fraction of steps that are shorter in all directions, and the shortest length.
-REACHES = (0.1, 10.0)
-SHORT, SHORTEST = 0.5, 0.1
-# Beyond this a slope, or a curvature, says nothing.
-STEEPEST = 1e6
 # What is added to the diagonal of a covariance, as a fraction.
 RIDGE = 1e-9
 
@@ -39,8 +29,8 @@ class Moves:
     Attributes
     ----------
     accepted, sweeps
-        (4,) sums of the fractions of accepted steps: steps and draws by mixtures, differences, steps by linear
-        predictions; and the sweeps.
+        (4,) sums of the fractions of accepted steps: steps and draws by mixtures, differences, trajectories along the
+        surface; and the sweeps.
     """
 
     def __init__(self, layout: Layout, places: Array, rng: np.random.Generator) -> None:
@@ -89,7 +79,7 @@ class Moves:
                 z, terms = self._move_own(density, z, terms, beta, rng, length)
         self.sweeps += 1
         z, terms = self._draw(density, z, terms, beta, rng)
-        return self._newton(density, z, terms, beta, rng)
+        return self._follow_surface(density, z, terms, beta, rng)
 
     def _differences(self, columns: IntArray, n: int, rng: np.random.Generator) -> Array:
         """(n, k) Differences of two of the archive, of several lengths."""
@@ -156,69 +146,17 @@ class Moves:
         self.accepted[1] += accepted.mean()
         return np.where(accepted[:, None], new, z), terms.replaced(others, accepted)
 
-    def _newton(
+    def _follow_surface(
         self, density: Density, z: Array, terms: Terms, beta: float, rng: np.random.Generator
     ) -> tuple[Array, Terms]:
-        """Move all coordinates about the Gaussian of linear predictions at each walker, as far as each walker draws."""
-        reach = np.exp(rng.uniform(np.log(REACHES[0]), np.log(REACHES[1]), len(z)))
-        length = np.where(rng.random(len(z)) < SHORT, np.exp(rng.uniform(np.log(SHORTEST), 0.0, len(z))), 1.0)
-        here = self._local(density, z, beta, reach, length)
-        new = here.draw(rng)
-        there = self._local(density, new, beta, reach, length)
+        """Move all coordinates along the posterior's surface."""
+        known = any(each.residuals.shape[1] for each in density.tangents(z[:1]))
+        flat = np.eye(z.shape[1]) if known else self._precision
+        new, correction = trajectory(Surface(density.tangents, self._layout, beta, flat), z, rng)
         others = density.terms(new)
-        gain = _gain(others.total(beta), terms.total(beta)) + there.ln_density(z) - here.ln_density(new)
-        accepted = np.log(rng.random(len(z))) < gain
+        accepted = np.log(rng.random(len(z))) < _gain(others.total(beta), terms.total(beta)) + correction
         self.accepted[3] += accepted.mean()
         return np.where(accepted[:, None], new, z), terms.replaced(others, accepted)
-
-    def _local(self, density: Density, z: Array, beta: float, reach: Array, length: Array) -> _Damped:
-        """Return what a step from z (n, d), with this reach (n,) and of this length (n,), is drawn from."""
-        slopes, curvature = density.newton(z)
-        precision = beta * np.nan_to_num(curvature, nan=0.0, posinf=STEEPEST, neginf=0.0)
-        if precision.any():
-            precision[:, np.arange(z.shape[1]), np.arange(z.shape[1])] += 1.0
-        else:  # ln L is learned as a whole
-            precision = precision + self._precision
-        stays = np.sqrt(1.0 - length**2)
-        damping = (stays / (1.0 - stays + RIDGE))[:, None, None] * precision
-        damping += self._precision / (reach**2)[:, None, None]
-        force = np.clip(np.nan_to_num(beta * slopes), -STEEPEST, STEEPEST) - z
-        total = precision + damping
-        step, noise = Arrow.of(total, self._layout), Arrow.of(total + damping, self._layout)
-        return _Damped(z + step.solve(force), total, step, noise)
-
-
-class _Damped(NamedTuple):
-    """What steps of n walkers about Gaussians of precisions P (n, d, d) are drawn from, if damped by M (n, d, d).
-
-    They lead to z + (P + M)^-1 (force + a draw with covariance P + 2 M). For a Gaussian posterior such steps are
-    reversible with any M: Crank-Nicolson steps, of length 1 where P is larger than M, and short where P is smaller. So
-    a walker steps across a thin sheet as widely as the sheet is, and along the sheet no further than the sheet is
-    straight.
-
-    Attributes
-    ----------
-    middle
-        (n, d) means of the draws.
-    total
-        P + M.
-    step, noise
-        Factors of P + M and of P + 2 M.
-    """
-
-    middle: Array
-    total: Array
-    step: Arrow
-    noise: Arrow
-
-    def draw(self, rng: np.random.Generator) -> Array:
-        """(n, d) Draw from each."""
-        return self.middle + self.step.solve(self.noise.force(rng.standard_normal(self.middle.shape)))
-
-    def ln_density(self, z: Array) -> Array:
-        """(n,) ln density of each at z (n, d), up to a constant."""
-        away = self.noise.whiten_force(np.matmul(self.total, (z - self.middle)[:, :, None])[:, :, 0])
-        return np.asarray(2 * self.step.ln_volume() - self.noise.ln_volume() - 0.5 * np.sum(away**2, axis=1))
 
 
 def _gain(after: Array, before: Array) -> Array:

@@ -31,25 +31,25 @@ from streamkit.builtin.samplers.emulator.moves import Moves
 WALKERS, LEAST_WALKERS = 1000, 400
 # Fraction of the walkers that the weights of a stage leave, and the sweeps of a stage: of one posterior, and of several
 # factors, whose walkers start at places of each and move in blocks.
-EFFECTIVE, STAGE, STAGE_OF_SEVERAL = 0.5, 10, 4
+EFFECTIVE, STAGE, STAGE_OF_SEVERAL = 0.5, 4, 2
 # Stages after which inverse temperatures rise by equal factors, and the factor of the first in them.
 MOST_STAGES = 24
 # New moves are made every so many sweeps until they are fixed.
 RENEWED = 5
 # Walkers of a population that walk on, sweeps of their first walk, and their most sweeps. Thin ends of a posterior fill
 # slowly, and a walk of fewer sweeps does not show that they are missing.
-WALKING, FIRST, MOST_SWEEPS = 64, 300, 8000
+WALKING, FIRST, MOST_SWEEPS = 64, 100, 3000
 # Places of the first walk that the moves of the second one are made from.
 MANY = 8000
 # Largest R-hat over both populations. It is a difference of means of 0.15 standard deviations: their common mean is off
 # by half of it.
 R_HAT = 1.004
 # Sweeps that widths are waited for at most. Those of heavy tails are uncertain for long, and no reason to refuse.
-SWEEPS_FOR_WIDTHS = 2400
+SWEEPS_FOR_WIDTHS = 800
 # Samples of a population that the next walk may begin from.
 LAST = 512
 # In a round, from where the last one ended: walkers, sweeps until moves are fixed and after, sweeps of a tempered copy.
-ROUND_WALKERS, ROUND_SETTLING, ROUND_SWEEPS, TEMPERED = 128, 10, 50, 15
+ROUND_WALKERS, ROUND_SETTLING, ROUND_SWEEPS, TEMPERED = 128, 4, 20, 6
 
 
 class Asked(NamedTuple):

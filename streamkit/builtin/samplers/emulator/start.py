@@ -20,7 +20,7 @@ from streamkit import Array, BoolArray, StreamkitError
 from streamkit.builtin.samplers.emulator.calls import Calls
 from streamkit.builtin.samplers.emulator.certificate import Certificate
 from streamkit.builtin.samplers.emulator.changes import every_so_often
-from streamkit.builtin.samplers.emulator.density import Density, Emulated, Factor, Joint, Layout, Terms, add_newton
+from streamkit.builtin.samplers.emulator.density import Density, Emulated, Factor, Joint, Layout, Tangent, Terms
 from streamkit.builtin.samplers.emulator.populations import Population
 from streamkit.builtin.samplers.emulator.problem import Problem
 from streamkit.builtin.samplers.emulator.space import Space
@@ -37,7 +37,7 @@ ARRIVED = 1.5
 # The same for the data of the host beside several streams: a call there takes no stream, and all streams need it.
 HOST_ARRIVED = 0.05
 # Walkers of a wave for each parameter and in any case, and sweeps of their walk, of which the last are used.
-WALKERS, LEAST_WALKERS, SWEEPS, USED = 10, 128, 15, 5
+WALKERS, LEAST_WALKERS, SWEEPS, USED = 10, 128, 8, 4
 # Calls with all particles where the starts have arrived, for each parameter and in any case.
 FIRST, LEAST_FIRST = 16, 160
 # New calls at a time where too few of them have a prediction.
@@ -138,11 +138,9 @@ class Beside:
         prior[:, 0] += self.host.ln_likelihood(z[:, self.shared])
         return Terms(prior, lnl)
 
-    def newton(self, z: Array) -> tuple[Array, Array]:
-        """(n, d) and (n, d, d) Slopes and curvature."""
-        slopes, curvature = self.alone.newton(z)
-        add_newton(slopes, curvature, self.host, z, self.shared)
-        return slopes, curvature
+    def tangents(self, z: Array) -> list[Tangent]:
+        """Return what the data of the factor and of the host say at z (n, d)."""
+        return [*self.alone.tangents(z), self.host.tangent(z[:, self.shared], np.flatnonzero(self.shared))]
 
 
 class Starter:
