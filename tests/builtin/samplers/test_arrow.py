@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from streamkit.builtin.samplers.emulator.arrow import Arrow
+from streamkit.builtin.samplers.emulator.arrow import Arrow, solved
 from streamkit.builtin.samplers.emulator.density import Layout
 
 
@@ -21,8 +21,16 @@ def test_arrows_are_whole_matrices(shared: int, sizes: tuple[int, ...]) -> None:
         precision[:, columns[:, None], columns] += design.transpose(0, 2, 1) @ design
     arrow, x = Arrow.of(precision, layout), rng.normal(size=(n, d))
     np.testing.assert_allclose(arrow.solve(x), np.linalg.solve(precision, x[:, :, None])[:, :, 0], rtol=1e-8)
-    np.testing.assert_allclose(np.sum(arrow.whiten(x) ** 2, axis=1), np.einsum("ni,nij,nj->n", x, precision, x))
-    np.testing.assert_allclose(arrow.whiten(arrow.unwhiten(x)), x, atol=1e-8)
+    np.testing.assert_allclose(solved(precision, x, layout), arrow.solve(x), rtol=1e-8)
+    draws = np.stack([arrow.unwhiten(np.tile(each, (n, 1))) for each in np.eye(d)])
+    np.testing.assert_allclose(np.einsum("kni,knj->nij", draws, draws), np.linalg.inv(precision), atol=1e-8)
     np.testing.assert_allclose(2 * arrow.ln_volume(), np.linalg.slogdet(precision)[1])
     np.testing.assert_allclose(np.sum(arrow.whiten_force(x) ** 2, axis=1), np.sum(x * arrow.solve(x), axis=1))
-    np.testing.assert_allclose(arrow.whiten_force(arrow.force(x)), x, atol=1e-8)
+
+
+def test_matrices_that_are_not_symmetric_are_solved_as_whole_ones_are() -> None:
+    rng = np.random.default_rng(5)
+    layout = Layout(np.array([0, 4]), [np.array([1, 2]), np.array([], dtype=int), np.array([3])])
+    matrices, right = 4 * np.eye(5) + rng.normal(size=(6, 5, 5)), rng.normal(size=(6, 5))
+    matrices[:, [1, 2], 3] = matrices[:, 3, [1, 2]] = 0.0  # own coordinates of two factors
+    np.testing.assert_allclose(solved(matrices, right, layout), np.linalg.solve(matrices, right[:, :, None])[:, :, 0])

@@ -5,7 +5,6 @@ from scipy.stats import ks_1samp, norm
 
 from streamkit.builtin.samplers.emulator import geodesic
 from streamkit.builtin.samplers.emulator.agreement import autocorrelation_times
-from streamkit.builtin.samplers.emulator.arrow import solved
 from streamkit.builtin.samplers.emulator.density import Layout, Tangent
 from streamkit.builtin.samplers.emulator.geodesic import Surface, trajectory
 
@@ -43,13 +42,13 @@ def test_a_step_back_arrives_where_the_step_began():
     both = arrived & returned
     assert both.mean() > 0.9
     assert np.abs(there.z - z)[both].max() > 0.3
-    near = both & (np.abs(back.z - z).max(axis=1) < 0.1)  # another crossing of the sheet is found, and refused, at times
+    near = both & (np.abs(back.z - z).max(axis=1) < 0.1)  # others come to another part of the sheet, and are refused
     assert near.sum() > 0.95 * both.sum()
     np.testing.assert_allclose(back.z[near], z[near], atol=1e-6)
     np.testing.assert_allclose(-old[near] * [1, 0, 1], velocity[near] * [1, 0, 1], atol=1e-3)
 
 
-def test_a_short_trajectory_in_a_flat_space_keeps_its_energy():
+def test_a_short_trajectory_in_a_flat_space_keeps_its_energy(monkeypatch):
     """Of residuals that are linear, by the leapfrog: the error of as many steps falls with the cube of their length."""
     rng = np.random.default_rng(2)
     slopes = rng.standard_normal((3, 4)) * 30.0
@@ -61,13 +60,9 @@ def test_a_short_trajectory_in_a_flat_space_keeps_its_energy():
     z = rng.multivariate_normal(np.zeros(3), spread, 400)
     errors = []
     for length in (0.2, 0.1):
-        rng = np.random.default_rng(3)
-        with_length = geodesic.STEPS
-        try:
-            geodesic.STEPS = (length, length)
-            new, added = trajectory(Surface(linear, Layout.of_one(3), 1.0, np.eye(3)), z, rng)
-        finally:
-            geodesic.STEPS = with_length
+        monkeypatch.setattr(geodesic, "SHORTEST", length)
+        monkeypatch.setattr(geodesic, "LONGEST", length)
+        new, added = trajectory(Surface(linear, Layout.of_one(3), 1.0, np.eye(3)), z, np.random.default_rng(3))
         gained = [-0.5 * np.einsum("ni,ij,nj->n", each, np.linalg.inv(spread), each) for each in (new, z)]
         errors.append(np.std(gained[0] - gained[1] + added))
     assert errors[0] < 0.02
@@ -92,14 +87,3 @@ def test_a_sheet_of_a_hundredth_is_sampled_in_some_ten_trajectories():
     assert ks_1samp(some[:, 0], lambda a: np.interp(a, grid, cumulated)).pvalue > 1e-3
     assert ks_1samp((some[:, 1] - some[:, 0] ** 2) / ERROR, norm.cdf).pvalue > 1e-3
     assert ks_1samp(some[:, 2], norm.cdf).pvalue > 1e-3
-
-
-def test_matrices_in_the_form_of_an_arrow_are_solved_as_whole_ones_are():
-    rng = np.random.default_rng(5)
-    layout = Layout(np.array([0, 4]), [np.array([1, 2]), np.array([], dtype=int), np.array([3])])
-    matrices = 4 * np.eye(5) + rng.standard_normal((6, 5, 5))
-    for own in ((1, 2), (3,)):
-        others = [i for i in (1, 2, 3) if i not in own]
-        matrices[np.ix_(range(6), own, others)] = 0.0
-    right = rng.standard_normal((6, 5))
-    np.testing.assert_allclose(solved(matrices, right, layout), np.linalg.solve(matrices, right[:, :, None])[:, :, 0])

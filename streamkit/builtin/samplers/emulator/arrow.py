@@ -1,4 +1,4 @@
-"""Precision matrices in the form of an arrow: the own coordinates of a factor are tied to the shared ones alone.
+"""Matrices in the form of an arrow: the own coordinates of a factor are tied to the shared ones alone.
 
 Their Cholesky factor has the same form if the shared coordinates come last. Its cost grows with the number of factors,
 where that of a whole matrix grows with its cube.
@@ -65,38 +65,21 @@ class Arrow(NamedTuple):
             blocks.append(Block(own, root, inverse, across))
         return cls(shared, tuple(blocks), *_factor(left))
 
-    def whiten(self, x: Array) -> Array:
-        """(n, d) Return vectors whose squared lengths are x' P x, for x (n, d) and the matrices P."""
-        out, h = np.empty_like(x), x[:, self.shared]
-        for own, root, _, across in self.blocks:
-            out[:, own] = _times(_turned(root), x[:, own]) + _times(_turned(across), h)
-        out[:, self.shared] = _times(_turned(self.root), h)
-        return out
-
     def unwhiten(self, white: Array) -> Array:
-        """(n, d) Return the x whose `whiten` is white (n, d): of normal numbers, draws with the covariance 1 / P."""
-        x, h = np.empty_like(white), _times(_turned(self.inverse), white[:, self.shared])
+        """(n, d) Return x with x' P x = |white|^2, for white (n, d): of normal numbers, draws of covariance 1 / P."""
+        x, h = np.empty_like(white), times(_turned(self.inverse), white[:, self.shared])
         for own, _, inverse, across in self.blocks:
-            x[:, own] = _times(_turned(inverse), white[:, own] - _times(_turned(across), h))
+            x[:, own] = times(_turned(inverse), white[:, own] - times(_turned(across), h))
         x[:, self.shared] = h
         return x
 
-    def force(self, white: Array) -> Array:
-        """(n, d) Return W' white, where W x is `whiten` of x, P = W' W: of normal numbers, draws with covariance P."""
-        out, left = np.empty_like(white), _times(self.root, white[:, self.shared])
-        for own, root, _, across in self.blocks:
-            out[:, own] = _times(root, white[:, own])
-            left = left + _times(across, white[:, own])
-        out[:, self.shared] = left
-        return out
-
     def whiten_force(self, force: Array) -> Array:
-        """(n, d) Return the white whose `force` is given (n, d)."""
+        """(n, d) Return white with |white|^2 = force' P^-1 force, for force (n, d)."""
         white, left = np.empty_like(force), force[:, self.shared]
         for own, _, inverse, across in self.blocks:
-            white[:, own] = _times(inverse, force[:, own])
-            left = left - _times(across, white[:, own])
-        white[:, self.shared] = _times(self.inverse, left)
+            white[:, own] = times(inverse, force[:, own])
+            left = left - times(across, white[:, own])
+        white[:, self.shared] = times(self.inverse, left)
         return white
 
     def solve(self, force: Array) -> Array:
@@ -115,16 +98,17 @@ def solved(matrices: Array, right: Array, layout: Layout) -> Array:
     Raises LinAlgError where one is singular.
     """
     shared, x = layout.shared, np.empty_like(right)
-    left, rest, found = _part(matrices, shared, shared), right[:, shared, None], []
+    left, rest = _part(matrices, shared, shared), right[:, shared, None]
+    found: list[Array] = []
     for own in layout.own:
         both = np.concatenate([_part(matrices, own, shared), right[:, own, None]], axis=2)
         both = np.linalg.solve(_part(matrices, own, own), both)
         across = np.matmul(_part(matrices, shared, own), both)
         left, rest = left - across[:, :, :-1], rest - across[:, :, -1:]
         found.append(both)
-    x[:, shared] = h = np.linalg.solve(left, rest)[:, :, 0]
+    x[:, shared] = h = np.asarray(np.linalg.solve(left, rest)[:, :, 0], dtype=float)
     for own, both in zip(layout.own, found, strict=True):
-        x[:, own] = both[:, :, -1] - _times(both[:, :, :-1], h)
+        x[:, own] = both[:, :, -1] - times(both[:, :, :-1], h)
     return x
 
 
@@ -142,6 +126,6 @@ def _turned(matrices: Array) -> Array:
     return matrices.transpose(0, 2, 1)
 
 
-def _times(matrices: Array, vectors: Array) -> Array:
+def times(matrices: Array, vectors: Array) -> Array:
     """(n, i) Products of matrices (n, i, j) and vectors (n, j)."""
     return np.asarray(np.matmul(matrices, vectors[:, :, None])[:, :, 0])

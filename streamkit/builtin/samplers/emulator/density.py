@@ -92,8 +92,8 @@ class Tangent(NamedTuple):
     force
         (n, c) slopes of ln L.
     residuals
-        (n, m) of predictions from the data, in units of their errors: ln L is about minus half the sum of their squares.
-        None are known of an ln L that is learned as a whole, m = 0.
+        (n, m) of predictions from the data, in units of their errors: ln L is about minus half the sum of squares. None
+        are known of an ln L that is learned as a whole, m = 0.
     along
         (n, c, m) slopes of the residuals.
     """

@@ -16,12 +16,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from streamkit import Array, BoolArray
-from streamkit.builtin.samplers.emulator.arrow import Arrow, solved
+from streamkit import Array, BoolArray, IntArray
+from streamkit.builtin.samplers.emulator.arrow import Arrow, solved, times
 from streamkit.builtin.samplers.emulator.density import Layout, Tangent
 
 # Lengths of a step, in standard deviations, between which each walker draws one by its logarithm; steps at most.
-STEPS, MOST_STEPS = (0.1, 1.2), 3
+SHORTEST, LONGEST, MOST_STEPS = 0.1, 1.2, 3
 # Newton steps to the surface at most, and the largest last one. A walker that does not come back to where it was, to
 # this distance in the metric, stays there.
 NEWTON, ARRIVED, BACK = 8, 1e-6, 1e-2
@@ -71,13 +71,13 @@ class Surface:
         """(n, d) Return displacements z (n, d) and of the residuals, along the surface here, times the metric."""
         total = z @ self.flat
         for each, away in zip(here.factors, residuals, strict=True):
-            total[:, each.columns] += _times(each.along, away)
+            total[:, each.columns] += times(each.along, away)
         return total
 
     def step(self, here: Place, velocity: Array, length: Array) -> tuple[Place, Array, BoolArray]:
         """Go from places along geodesics; return where to, the velocity (n, d) there, and whether one arrived (n,)."""
         ahead = here.z + length * velocity
-        wanted = [each.residuals + length * _times(each.along.transpose(0, 2, 1), velocity[:, each.columns])
+        wanted = [each.residuals + length * times(each.along.transpose(0, 2, 1), velocity[:, each.columns])
                   for each in here.factors]  # fmt: skip
         there, arrived = self._nearest(here, ahead, wanted)
         moved = self.normal(there, there.z - here.z, [new.residuals - old.residuals for new, old in
@@ -86,7 +86,7 @@ class Surface:
 
     def _nearest(self, here: Place, ahead: Array, wanted: Sequence[Array]) -> tuple[Place, BoolArray]:
         """Return the places of the surface that differ from (ahead, wanted) by what is normal to the surface here."""
-        there, left = self.at(ahead.copy()), np.arange(len(ahead))
+        there, left = self.at(ahead.copy()), np.arange(len(ahead), dtype=np.int64)
         for _ in range(NEWTON):
             some, begin = there.take(left), here.take(left)
             off = self.normal(begin, some.z - ahead[left], [each.residuals - goal[left] for each, goal in
@@ -109,11 +109,11 @@ class Place:
     z: Array
     factors: list[Tangent]
 
-    def take(self, rows: Array) -> Place:
+    def take(self, rows: IntArray) -> Place:
         """Return some of the places."""
         return Place(self.z[rows], [each.take(rows) for each in self.factors])
 
-    def put(self, rows: Array, other: Place) -> None:
+    def put(self, rows: IntArray, other: Place) -> None:
         """Put others in place of some."""
         self.z[rows] = other.z
         for mine, new in zip(self.factors, other.factors, strict=True):
@@ -133,7 +133,7 @@ def trajectory(surface: Surface, z: Array, rng: np.random.Generator) -> tuple[Ar
 
     That is -inf where a trajectory cannot be followed back.
     """
-    length = np.exp(rng.uniform(*np.log(STEPS), len(z)))[:, None]
+    length = np.exp(rng.uniform(np.log(SHORTEST), np.log(LONGEST), len(z)))[:, None]
     here = surface.at(z)
     metric = surface.metric(here, here)
     factors = Arrow.of(metric, surface.layout)
@@ -159,8 +159,3 @@ def _squared(x: Array, metric: Array) -> Array:
 
 def _held(slopes: Array) -> Array:
     return np.clip(np.nan_to_num(slopes), -STEEPEST, STEEPEST)
-
-
-def _times(matrices: Array, vectors: Array) -> Array:
-    """(n, i) Products of matrices (n, i, j) and vectors (n, j)."""
-    return np.asarray(np.matmul(matrices, vectors[:, :, None])[:, :, 0])
