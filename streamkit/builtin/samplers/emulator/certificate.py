@@ -15,7 +15,7 @@ from scipy.linalg import LinAlgError
 
 from streamkit import Array
 from streamkit.builtin.samplers.emulator.calls import Calls
-from streamkit.builtin.samplers.emulator.changes import change_of, every_so_often, with_axes
+from streamkit.builtin.samplers.emulator.changes import change_of, changes_of, every_so_often, with_axes
 from streamkit.builtin.samplers.emulator.density import Emulated
 from streamkit.builtin.samplers.emulator.emulator import Predictions
 from streamkit.builtin.samplers.emulator.of_target import LikelihoodOnly
@@ -42,6 +42,8 @@ EMPTY = 0.1
 # What the emulator's own error may change: the standard deviation of a parameter by this fraction. The error is part of
 # the likelihood, so that it widens intervals and hides nothing. A twentieth refused emulators that were right.
 BLURRED = 0.1
+# Errors of the data that count as noise in any case.
+FLOOR = 1e-3
 # Largest squared residual that counts, in units of the typical one.
 OUTLIER = 25.0
 
@@ -68,8 +70,8 @@ class Certificate:
     empty
         Fraction of the points without a prediction.
     weighed, weighed_by_chance
-        What weights of true over emulated likelihood change of the fresh samples, see `change_of`; and the same where
-        only noise makes the weights: the largest in 95 of 100 cases.
+        What weights of true over emulated likelihood change of the fresh samples, see `change_of`, beyond the mean of
+        what noise changes; and the same where only noise makes the weights: the largest in 95 of 100 cases.
     faults
         Sentences: why the posterior must not be used; none if it is certified.
     """
@@ -201,7 +203,7 @@ def certify(
     used = np.isfinite(problem.values)
     residual = (fresh.answers.mean - predicted.mean)[:, used]
     variance = (predicted.fit_variance + np.maximum(predicted.noise, fresh.answers.variance))[:, used]
-    floor = (1e-3 * problem.errors[used]) ** 2
+    floor = (FLOOR * problem.errors[used]) ** 2
     squares = np.minimum(residual**2 / (variance + floor), 100.0)
     size, worst = float(squares.mean()), float(squares.mean(axis=0).max())
     if size > SIZE or worst > ONE_SIZE:
@@ -281,9 +283,13 @@ def _differences(
 
 
 def _by_noise(fresh: Calls, predicted: Predictions, stated: Array, rng: np.random.Generator) -> Array:
-    """(n,) Return ln likelihood of the emulated predictions with the residuals of other points."""
+    """(n,) Return ln likelihood of the emulated predictions with the residuals of other points.
+
+    Each is in units of the noise that is predicted at its place: noise may be larger in one part of the posterior.
+    """
     other = rng.permutation(len(fresh))
-    swapped = predicted.mean + (fresh.answers.mean - predicted.mean)[other]
+    size = np.sqrt(predicted.noise + predicted.fit_variance + (FLOOR * fresh.problem.errors) ** 2)
+    swapped = predicted.mean + ((fresh.answers.mean - predicted.mean) / size)[other] * size
     return fresh.problem.compare(fresh.theta, swapped, np.nan_to_num(stated[other]), predicted.details)
 
 
@@ -292,12 +298,14 @@ def _weighed(
 ) -> Trend:
     """Measure what weights by true minus emulated ln likelihood (n,) change of the fresh samples, and what noise would.
 
-    Noise alone makes weights too, of a few samples where it is large: so it is the noise that the change is beside.
+    Noise alone makes weights too, of a few samples where it is large, and narrows what it grows along: so it is from
+    what noise does in the mean that changes are measured.
     """
     moving, stated = with_axes(fresh.z), fresh.answers.variance * emulated.noise
     without = fresh.problem.compare(fresh.theta, predicted.mean, np.nan_to_num(stated), predicted.details)
-    tries = [change_of(moving, _by_noise(fresh, predicted, stated, rng) - without) for _ in range(TRIES)]
-    return Trend(change_of(moving, true), float(np.quantile(tries, chance)))
+    tries = np.array([changes_of(moving, _by_noise(fresh, predicted, stated, rng) - without) for _ in range(TRIES)])
+    away = np.abs(np.array([changes_of(moving, true), *tries]) - tries.mean(axis=0)).max(axis=(1, 2))
+    return Trend(float(away[0]), float(np.quantile(away[1:], chance)))
 
 
 def blur_of(emulated: Emulated, samples: Array) -> float:

@@ -26,6 +26,9 @@ RIDGES = (1e-8, 1e-6, 1e-4, 1e-2)
 IN_VAIN = 2
 # Points lower in ln likelihood than the best by so much, plus half the number of parameters, count a quarter.
 NEAR = 10.0
+# Part of `NEAR` by which ln likelihoods of a fit and of its calls may differ, beside some typical changes by noise: in
+# the median, and where noise has brought a call near the data.
+UNLIKE, LUCKY = 0.3, 4.0
 # Effective points that the weights leave at least, for each term of a quadratic.
 ENOUGH = 2.0
 # Points at least, and for each parameter, on which errors are measured if fewer are close.
@@ -75,9 +78,11 @@ def learn(problem: Problem, y: Array, answers: Answers, theta: Array, tilt: Arra
     close = there & (lnl > best - NEAR - 0.5 * y.shape[1])
     if close.sum() < y.shape[1]:
         return emulator
-    if np.median(np.abs(smooth - lnl)[close]) > 0.3 * NEAR + 2 * _changed_by_noise(emulator, y[close], theta[close]):
+    by_noise = _changed_by_noise(emulator, y[close], theta[close])
+    if np.median(np.abs(smooth - lnl)[close]) > UNLIKE * NEAR + 2 * by_noise:
         return emulator
-    return _fitted(problem, y, answers, smooth)
+    missed = close & (lnl - smooth > UNLIKE * NEAR + LUCKY * by_noise)  # a mode that this fit excludes, and calls do not
+    return _fitted(problem, y, answers, np.where(missed, lnl, smooth))
 
 
 def _changed_by_noise(emulator: Emulator, y: Array, theta: Array) -> float:
