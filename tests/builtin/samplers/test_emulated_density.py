@@ -83,6 +83,7 @@ def test_the_coordinates_of_walkers_are_normal_in_the_prior():
 def test_calls_find_what_an_emulator_that_knows_one_side_misses(monkeypatch):
     """A linear emulator of calls at positive p0, of a posterior that has the same mass on both sides."""
     monkeypatch.setattr(learning, "DEGREES", (1,))
+    monkeypatch.setattr(learning, "WORTH", np.inf)
     problem = OfToy(Symmetric())
     calls = called(problem, 200)
     one_side = calls.take(calls.theta[:, 0] > 0.3)

@@ -81,7 +81,7 @@ def learn(problem: Problem, y: Array, answers: Answers, theta: Array, tilt: Arra
     by_noise = _changed_by_noise(emulator, y[close], theta[close])
     if np.median(np.abs(smooth - lnl)[close]) > UNLIKE * NEAR + 2 * by_noise:
         return emulator
-    missed = close & (lnl - smooth > UNLIKE * NEAR + LUCKY * by_noise)  # a mode that this fit excludes, and calls do not
+    missed = close & (lnl - smooth > UNLIKE * NEAR + LUCKY * by_noise)  # a mode that calls find and the fit excludes
     return _fitted(problem, y, answers, np.where(missed, lnl, smooth))
 
 
