@@ -14,10 +14,11 @@ from streamkit import engine
 from streamkit.components.potential import Potential
 from streamkit.components.total import Total
 from streamkit.stream import Array
-from streamkit.units import Unit
+from streamkit.units import GYR, Unit
 
 WITHIN = 30.0  # kpc: the galaxy with most mass inside is the host
 MASSLESS = 1e-6  # share of the largest mass below which a part has none
+LOOKS = 513  # times at which the path is looked at
 AT_REST = 1e-9  # (km/s)^2/kpc: in 10 Gyr this moves nothing by more than 1e-7 kpc
 
 _ACCELERATION = Unit("km2 / (kpc s2)")
@@ -67,6 +68,12 @@ class HostCentre:
     def today(self) -> tuple[Array, Array]:
         """Its position (3,) in kpc and its velocity (3,) in km/s today."""
         return engine.Motion(centre=self.path).state_at(0.0)
+
+    def farthest(self, lookback: float) -> tuple[float, float]:
+        """Return its largest distance from the origin in kpc over a look-back time in Gyr, and how many Gyr ago."""
+        times, motion = np.linspace(-lookback * GYR, 0.0, LOOKS), engine.Motion(centre=self.path)
+        away = [float(np.linalg.norm(motion.state_at(t)[0])) for t in times.tolist()]
+        return max(away), -float(times[int(np.argmax(away))]) / GYR
 
     @cached_property
     def force(self) -> FrameForce | None:

@@ -39,10 +39,14 @@ def linear(times: Array, values: Array) -> Array:
 
 
 def value_at(t: Any, pieces: Any) -> Any:
-    """Return the value at one time."""
-    k = 0
-    while k + 1 < pieces.shape[0] and pieces[k + 1, 0] <= t:
-        k += 1
+    """Return the value at one time; the pieces may be many, so that they are halved."""
+    k, last = 0, pieces.shape[0] - 1
+    while k < last:
+        middle = (k + last + 1) // 2
+        if pieces[middle, 0] <= t:
+            k = middle
+        else:
+            last = middle - 1
     s = t - pieces[k, 0]
     return pieces[k, 1] + s * (pieces[k, 2] + s * (pieces[k, 3] + s * (pieces[k, 4] + s * pieces[k, 5])))
 

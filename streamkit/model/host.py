@@ -72,8 +72,8 @@ class Host:
 
     @property
     def total(self) -> Total:
-        """The sum of its own potentials today, through NumPy."""
-        return Total(tuple(self.potentials.values()))
+        """The sum of its own potentials today, through NumPy, without the force of a frame that moves along."""
+        return Total(tuple(p for p in self.potentials.values() if not isinstance(p, FrameForce)))
 
     @cached_property
     def alone(self) -> Field:

@@ -158,6 +158,9 @@ def test_the_host_is_the_heaviest_galaxy_on_a_path() -> None:
     assert moved.potentials["satellite"].drifts
     assert moved.mass_inside(radii) == pytest.approx(still.mass_inside(radii), rel=1e-12)
     assert moved.circular_velocity(radii) == pytest.approx(still.circular_velocity(radii), rel=1e-12)
+    falls = Host.at(run_file(**PATHS["lift"]))  # the force of the frame is none of the host's
+    assert falls.density(START[:, None]) == pytest.approx(still.density(START[:, None]), rel=1e-6)
+    assert falls.mass_inside(radii) == pytest.approx(still.mass_inside(radii), rel=1e-12)
     alone = run_file(**PATHS["boost"])
     del alone["potential"]["satellite"]
     inputs = sk.load(alone).bind()

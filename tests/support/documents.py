@@ -28,7 +28,7 @@ EXAMPLES = [
     *(path for path in sorted(ROOT.glob("tests/examples/*.py")) if not path.name.startswith("test_")),
 ]
 # What stands in Python blocks that take long: a run, and a host with a body, which compiles for 20 s.
-LONG = "sk.run(", "examples/gd1_gap/", "examples/slowing_bar/"
+LONG = "sk.run(", "examples/gd1_gap/", "examples/slowing_bar/", "examples/ophiuchus/"
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 # Few steps.
@@ -75,6 +75,7 @@ HOSTS: dict[str, dict[str, Any]] = {
     "mock_encounter": {"v0": [215, 230]},
     "moving_host": {"halo.orientation.2.values.0": [-120, 120]},
     "slowing_bar": {"bar.pattern_speed.values.0": [-70, -35]},
+    "ophiuchus": {"bar.pattern_speed": [-60, -30]},
     "orphan_lmc": {"halo.mass": [4e11, 5e11], "halo.rs": 16.0},
     "orphan_alone": {"halo.mass": [4e11, 5e11], "halo.rs": 16.0},
     "figure5": {"m200": [7e11, 8e11], "c200": [19, 21]},

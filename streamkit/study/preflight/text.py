@@ -48,7 +48,7 @@ def _factors(spec: Spec) -> list[str]:
 def describe_preflight(spec: Spec, preflight: Preflight) -> str:
     """Return the text of a preflight: the orbit, the streams over the prior, the cost and the warnings."""
     place = "the prior's centre" if spec.names else "the given parameters"
-    parts = []
+    parts = [_host_centre(spec, preflight)]
     if are_many(spec):
         first = next(iter(preflight.streams.values()))
         parts += [stream_table(spec, preflight, place), report.describe_expansions(first.inputs)]
@@ -67,6 +67,17 @@ def describe_preflight(spec: Spec, preflight: Preflight) -> str:
     parts.append(_cost(spec, preflight.cost))
     parts.append(report.warning_list(preflight.warnings) or "no warnings")
     return "\n\n".join(filter(None, parts))
+
+
+def _host_centre(spec: Spec, preflight: Preflight) -> str:
+    """Say that all is measured from the centre of a galaxy that moves; an empty text for a host at the origin."""
+    if (centre := spec.sections.host_centre) is None:
+        return ""
+    away, ago = centre.farthest(max((look.inputs.lookback for look in preflight.streams.values()), default=0.0))
+    return report.paragraph(
+        f"the host's centre is on the path of its heaviest galaxy, up to {away:.3g} kpc from the origin of the "
+        f"coordinates, {ago:.3g} Gyr ago: orbits, radii and the results for streams are measured from it"
+    )
 
 
 def _orbit_rows(inputs: StreamInputs, orbit: OrbitSummary) -> list[tuple[str, str]]:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 import streamkit as sk
-from streamkit.study.preflight import run_preflight
+from streamkit.study.preflight import describe_preflight, run_preflight
 from streamkit.units import GYR
 
 SPEED, LOOKBACK = 100.0, 2.0
@@ -50,8 +50,13 @@ def test_a_satellite_on_a_path_is_not_the_galaxy_of_the_stream() -> None:
     assert warnings_of(Path(__file__).parents[3] / "examples" / "moving_host" / "moving_host.toml") == []
 
 
-def test_where_all_parts_move_there_is_no_warning() -> None:
+def test_where_all_parts_move_there_is_no_warning_and_the_check_says_so() -> None:
+    spec = sk.load(run_file(SPEED, bulge=False))
     assert warnings_of(run_file(SPEED, bulge=False)) == []
+    text = " ".join(describe_preflight(spec, run_preflight(spec, draws=0)).split())
+    assert f"up to {AWAY:.3g} kpc from the origin of the coordinates, {LOOKBACK:.3g} Gyr ago" in text
+    still = sk.load(run_file(0.0))
+    assert "the host's centre" not in describe_preflight(still, run_preflight(still, draws=0))
 
 
 def test_the_lighter_galaxy_has_a_warning() -> None:
