@@ -31,18 +31,22 @@ def expand(
     """Make the particles of a simulation the host of streams.
 
     SNAPSHOTS are in the Gadget layout (HDF5), one or a series; the last in time is today. FILE is the table of a
-    `multipole` potential, in time if there are several. The lines to put into a run file are printed.
+    `multipole` potential, in time if there are several; the path of its centre, if it moves, is a table beside it. The
+    lines to put into a run file are printed.
     """
     from streamkit.report import save_table
     from streamkit_hosts import series
-    from streamkit_hosts.sections import check_free, section_lines
+    from streamkit_hosts.sections import check_free, file_of_path, path_table, section_lines
 
-    check_free([output], force)
+    beside = file_of_path(output)
+    check_free([output, beside], force)
     made = series.expand(
         snapshots, types=types, l_max=l_max, radii=radii, centred=centre == "densest",
         tell=None if quiet else click.echo,
     )  # fmt: skip
     save_table(output, made.table)
+    if made.path:
+        save_table(beside, path_table(made.path))
     for sentence in made.warnings():
         click.echo(f"warning: {sentence}", err=True)
     if quiet:
@@ -51,4 +55,6 @@ def expand(
         f"radii {made.radii[0]:.3g} to {made.radii[-1]:.3g} kpc, l up to {made.l_max}; median change of the force: "
         f"{made.noise:.2%} by noise, {made.truncation:.2%} without the highest degrees"
     )
-    click.echo("\n" + "\n".join(section_lines("potential", "multipole", output, made.times, tolerance="3e-3")))
+    fields = {"centre": str(beside)} if made.path else {}
+    lines = section_lines("potential", "multipole", output, made.times, tolerance="3e-3", fields=fields)
+    click.echo("\n" + "\n".join(lines))

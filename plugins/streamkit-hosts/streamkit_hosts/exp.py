@@ -19,6 +19,7 @@ from streamkit import GYR, Array, G, StreamkitError
 from streamkit_hosts.exp_basis import basis_of, settings_of
 from streamkit_hosts.exp_coefficients import Coefficients, read_coefficients
 from streamkit_hosts.expansion import Expansion
+from streamkit_hosts.path import path_of, told
 
 
 @dataclass(frozen=True)
@@ -77,23 +78,16 @@ def read(
     if kept >= 4:
         cuts[f"the degrees above {kept - 2}"] = partial(phi, below=kept - 1)
     first, last = basis.first * scale, basis.last * scale
-    return Expansion((found.times - now) * time, harmonics, phi, first, last, cuts, _said(found, length, first))
+    moved = float(np.sqrt(((found.centre - found.centre[-1]) ** 2).sum(axis=1)).max()) * length
+    path = path_of((found.times - now) * time, found.centre * length) if moved > first else {}
+    said = (told(moved, path),) if moved > first else ()
+    return Expansion((found.times - now) * time, harmonics, phi, first, last, cuts, said, path)
 
 
 def _is_used(n: int, m: int, settings: dict[str, Any]) -> bool:
     """Return whether a basis has a harmonic that is not switched off."""
     off = ("NO_L1", n == 1), ("EVEN_L", n % 2), ("EVEN_M", m % 2), ("M0_ONLY", m != 0)
     return not any(settings[name] and there for name, there in off)
-
-
-def _said(found: Coefficients, length: float, first: float) -> tuple[str, ...]:
-    moved = float(np.sqrt(((found.centre - found.centre[-1]) ** 2).sum(axis=1)).max()) * length
-    if moved > first:
-        return (
-            f"the centre moves by up to {moved:.3g} kpc, and the host is put at rest: the force of its own "
-            "acceleration is left out",
-        )
-    return ()
 
 
 def _units(file: Path, found: Coefficients, given: Units) -> tuple[float, float, float]:

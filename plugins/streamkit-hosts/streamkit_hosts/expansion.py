@@ -31,6 +31,7 @@ class Expansion:
     last: float
     cuts: dict[str, Callable[[Array], Array]] = field(default_factory=dict)
     said: tuple[str, ...] = ()  # what the reader has to say
+    path: dict[str, list[float]] = field(default_factory=dict)  # the columns of `centre`; none for a host at rest
 
 
 @dataclass(frozen=True)

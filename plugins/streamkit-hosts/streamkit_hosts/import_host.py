@@ -53,7 +53,7 @@ def import_host(
     hosts: list[agama.Host]
     if len(files) == 2 and files[0].suffix in (".yml", ".yaml"):
         source = exp.read(*files, exp.Units(length, mass, time), l_max=l_max, every=every, today=today)
-        hosts = [agama.Host("multipole", source.times, source)]
+        hosts = [agama.Host("multipole", source.times, source, centre=source.path)]
     elif len(files) == 1 and files[0].suffix == ".ini":
         hosts = agama.read(files[0], agama.Units.of(length, mass, time), l_max=l_max, every=every, today=today)
     else:

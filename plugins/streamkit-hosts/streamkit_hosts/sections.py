@@ -44,14 +44,14 @@ def written(
     """
     names = _names(hosts)
     files = [output.with_name(f"{output.stem}_{name}{output.suffix}") if name else output for name in names]
-    moved = [_beside(file) for file, host in zip(files, hosts, strict=True) if len(host.centre.get("t", ())) > 1]
+    moved = [file_of_path(file) for file, host in zip(files, hosts, strict=True) if len(host.centre.get("t", ())) > 1]
     check_free([*(file for file, host in zip(files, hosts, strict=True) if _is_table(host)), *moved], force)
     made = []
     for host, name, file in zip(hosts, names, files, strict=True):
         section, fields = f"potential.{name}" if name else "potential", dict(host.fields)
         if len(host.centre.get("t", ())) > 1:
-            fields["centre"] = str(_beside(file))
-            save_table(_beside(file), _path(host.centre))
+            fields["centre"] = str(file_of_path(file))
+            save_table(file_of_path(file), path_table(host.centre))
         elif host.centre:
             fields["centre"] = host.centre
         placed: Path | None = file
@@ -123,12 +123,13 @@ def _is_table(host: Host) -> bool:
     return host.expansion is not None or bool(host.columns)
 
 
-def _beside(file: Path) -> Path:
+def file_of_path(file: Path) -> Path:
     """Return the file of the centre of the part in this file."""
     return file.with_name(f"{file.stem}_centre{file.suffix}")
 
 
-def _path(centre: Mapping[str, Sequence[float]]) -> Any:
+def path_table(centre: Mapping[str, Sequence[float]]) -> Any:
+    """Return the columns of a path as a table with units."""
     from astropy.table import Table  # slow to import
 
     return Table({name: np.array(column) for name, column in centre.items()}, units={n: PATH[n] for n in centre})

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ import numpy as np
 from streamkit import Array, StreamkitError
 from streamkit_hosts.compare import LIMIT, median_change, places
 from streamkit_hosts.multipoles import inwards, names, of_particles
+from streamkit_hosts.path import path_of, told
 from streamkit_hosts.snapshot import Particles, read
 from streamkit_hosts.table import check_rows, force_of, table_of
 
@@ -35,6 +36,7 @@ class Series:
     truncation: float
     noise: float
     moved: float  # largest distance in kpc of a centre from the last one
+    path: dict[str, list[float]] = field(default_factory=dict)  # the columns of `centre`; none for a host at rest
 
     def warnings(self) -> list[str]:
         """Return a sentence for each reason not to trust the table."""
@@ -47,10 +49,7 @@ class Series:
         if self.noise > LIMIT:
             said.append(f"too few particles: their noise in the force is {self.noise:.1%}. Lower --l-max or --radii")
         if self.moved > self.radii[0]:
-            said.append(
-                f"the centre moves by up to {self.moved:.3g} kpc, and the host is put at rest: the force of its own "
-                "acceleration is left out"
-            )
+            said.append(told(self.moved, self.path))
         return said
 
 
@@ -105,7 +104,8 @@ def expand(
     truncation, noise = np.max(errors, axis=0)
     moved = np.sqrt(((np.array(centres) - centres[order[-1]]) ** 2).sum(axis=1)).max()
     table = table_of(now - now[-1], whole, names(l_max), np.array(parts)[order])
-    return Series(table, now - now[-1], shells, l_max, float(truncation), float(noise), float(moved))
+    path = path_of(now - now[-1], np.array(centres)[order]) if moved > shells[0] else {}
+    return Series(table, now - now[-1], shells, l_max, float(truncation), float(noise), float(moved), path)
 
 
 def densest(snapshot: Particles) -> Array:

@@ -9,9 +9,10 @@ import pytest
 from click.testing import CliRunner
 from scipy.optimize import brentq
 from scipy.special import sph_harm_y
-from streamkit_hosts import exp
+from streamkit_hosts import agama, exp
 from streamkit_hosts.basis import Basis, Model
 from streamkit_hosts.expansion import tabulated
+from streamkit_hosts.sections import written
 
 import streamkit as sk
 from streamkit.cli.main import main
@@ -202,6 +203,23 @@ def test_terms_that_do_not_converge_and_a_centre_that_moves_are_told(folder):
     for said in ("the last 2 of 10 functions", "the degrees above 2", "centre moves by up to 3.85 kpc", "to 200 kpc"):
         assert any(said in sentence for sentence in warned), said
 
+
+def test_a_centre_that_moves_becomes_a_path(folder):
+    """A parabola in the file's units: from the place and the velocity of the last time it is ``g t^2 / 2``."""
+    c = np.zeros((4, 15, 10), dtype=complex)
+    c[:, 0, 0] = 2.0
+    times = np.array([0.0, 1.0, 2.0, 4.0])
+    file = write_coefficients(folder / "c.h5", times.tolist(), c)
+    with h5py.File(file, "r+") as data:
+        for k, t in enumerate(times):
+            data[f"snapshots/{k:08d}"].attrs["Center"] = [5.0 + 2.0 * t + 0.5 * t**2, -t, 0.0]
+    source = exp.read(folder / "basis.yml", file, UNITS)
+    np.testing.assert_allclose(source.path["t"], source.times)
+    np.testing.assert_allclose(source.path["x"], 0.5 * LENGTH * (times - 4.0) ** 2, atol=1e-9)
+    np.testing.assert_allclose([source.path["y"], source.path["z"]], 0.0, atol=1e-9)
+    host = agama.Host("multipole", source.times, source, centre=source.path)
+    (part,) = written([host], (5.0, 60.0), folder / "h.ecsv", force=False)
+    assert part.fields == {"centre": str(folder / "h_centre.ecsv")}
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,10 @@ from streamkit.cli.main import main
 
 SCALE, SQUEEZE = 10.0, 0.8
 UNITS = {"UnitLength_in_cm": 3.0856775814913673e21, "UnitMass_in_g": 1.98840987e33, "UnitVelocity_in_cm_per_s": 1e5}
+REST = (
+    '[progenitor]\nkind = "plummer"\nmass = 2e4\nradius = 0.01\nx = 12\ny = 0\nz = 5\nvx = 30\nvy = 180\nvz = 20\n'
+    'lookback = 2\n[stripping]\nkind = "mlcs"\nparticles = 200\n'
+)
 
 
 def mass_at(t):
@@ -87,6 +91,31 @@ def test_a_series_has_the_force_of_its_body_at_all_times(snapshots):
     assert np.median(np.abs(np.stack(sphere.acceleration(*q, -4 * sk.GYR)) / still - 0.8)) < 0.02
 
 
+@pytest.mark.slow  # five snapshots
+def test_a_galaxy_that_falls_moves_along_its_path(tmp_path):
+    """Its centre is on a parabola: from today's place and velocity it is ``g t^2 / 2``. Its run file has the path."""
+    gravity, times = 8.0, np.array([-4.0, -3.0, -2.0, -1.0, 0.0])  # kpc/Gyr^2, Gyr
+    files = [write(tmp_path / f"{k}.hdf5", t, shift=20 + 30 * t + 0.5 * gravity * t**2) for k, t in enumerate(times)]
+    made = expand(files, l_max=2, radii=16)
+    for name in "xyz":
+        rest = made.path[name] - 0.5 * gravity * times**2  # a velocity, by the noise of the centres: it moves nothing
+        np.testing.assert_allclose(rest, np.polyval(np.polyfit(times, rest, 1), times), atol=0.5)
+    assert any("its path is a table of its own" in sentence for sentence in made.warnings())
+    table = tmp_path / "halo.ecsv"
+    words = ["expand", *map(str, files), "--l-max", "2", "--radii", "16", "-o", str(table)]
+    shown = CliRunner().invoke(main, words)
+    assert shown.exit_code == 0, shown.output
+    (tmp_path / "run.toml").write_text(shown.output[shown.output.index("[potential]") :] + REST)
+    spec = sk.load(tmp_path / "run.toml")
+    inputs = spec.bind()
+    assert inputs.q == pytest.approx([12, 0, 5], abs=1e-6)  # from its centre today, as in the run file
+    assert inputs.v == pytest.approx([30, 180, 20], abs=1e-6)
+    assert spec.sections.host_centre.farthest(2.0)[0] == pytest.approx(0.5 * gravity * 4 * np.sqrt(3), rel=0.2)
+    again = CliRunner().invoke(main, words)
+    assert again.exit_code != 0
+    assert "exists" in again.output
+
+
 @pytest.mark.slow  # the orders of its expansion are compiled
 def test_a_stream_is_made_in_it(snapshots, tmp_path):
     table = tmp_path / "halo.ecsv"
@@ -95,15 +124,11 @@ def test_a_stream_is_made_in_it(snapshots, tmp_path):
     )
     assert shown.exit_code == 0, shown.output
     section = shown.output[shown.output.index("[potential]") :]
-    rest = (
-        '[progenitor]\nkind = "plummer"\nmass = 2e4\nradius = 0.01\nx = 12\ny = 0\nz = 5\nvx = 30\nvy = 180\nvz = 20\n'
-        'lookback = 2\n[stripping]\nkind = "mlcs"\nparticles = 200\n'
-    )
     path = tmp_path / "run.toml"
-    path.write_text(section + rest)
+    path.write_text(section + REST)
     stream = sk.Model(sk.load(path)).stream()
     assert np.isfinite(stream.q).all()
-    path.write_text((section + rest).replace("lookback = 2", "lookback = 5"))
+    path.write_text((section + REST).replace("lookback = 2", "lookback = 5"))
     with pytest.raises(sk.SpecError, match="is known from -4 to 0 Gyr"):
         sk.load(path)
 
