@@ -28,8 +28,6 @@ def test_slopes_are_those_of_the_likelihood():
         def at(z, emulated=emulated):
             return emulated.ln_likelihood(z, fit_error=False)
 
-        object.__setattr__(emulated.emulator, "typical_fit_variance", 0.0)  # without the error of the fit, as here
-
         measured = np.stack([(at(z + each) - at(z - each)) / 2e-3 for each in step], axis=1)
         found = emulated.tangent(z, np.arange(problem.size)).force
         np.testing.assert_allclose(found, measured, rtol=0.02, atol=0.02 * np.abs(measured).max())

@@ -53,6 +53,9 @@ class Emulator:
         (c,) and (c, c): x = (z - centre) @ whiten of the c coordinates z that predictions depend on.
     basis, mean
         Features, and their coefficients, of (prediction - datum) / error.
+    directions
+        (m, k) combinations of (prediction - datum) / error that change near the data, in units of their errors and that
+        of the fit: what walkers follow.
     growth
         Power of |x|^2 by which the lack of fit grows outside the points.
     leverage, chance
@@ -61,8 +64,6 @@ class Emulator:
     residual_variance, lack_of_fit
         (m,) in squared errors of the data: variance of the points about the fit, and how much of it is not noise: it
         does not average out.
-    typical_fit_variance
-        (m,) in squared errors of the data: typical variance of the fit near the data.
     unstated_variance, stated_variance, pairs
         (m,) in squared errors of the data: noise of a call beyond what the observable states, measured by pairs of
         calls; what it states; and the number of pairs.
@@ -81,11 +82,11 @@ class Emulator:
     basis: Polynomial | Kernel
     growth: int
     mean: LowRank
+    directions: Array
     leverage: Leverage
     chance: Array
     residual_variance: Array
     lack_of_fit: Array
-    typical_fit_variance: Array
     unstated_variance: Array
     stated_variance: Array
     pairs: int
@@ -114,7 +115,7 @@ class Emulator:
 
     @cached_property
     def _along(self) -> Slopes:
-        return self.basis.along(self.mean)
+        return self.basis.along(LowRank.of(self.mean.whole @ self.directions))
 
     def predict(self, y: Array, with_noise: bool = True) -> Predictions:
         """Return the predictions at coordinates y (n, d); NaN where there is no datum, or no noise is asked for."""
@@ -181,16 +182,15 @@ class Emulator:
         return np.asarray(0.5 * np.sum(away**2, axis=1) * (predicted.fit_variance / errors**2)[:, used].max(axis=1))
 
     def linear(self, y: Array, noise: bool = False) -> tuple[Array, Array]:
-        """(n, m) and (n, d, m) Residuals of the predictions at y (n, d), and their slopes, in errors of the data.
+        """(n, k) and (n, d, k) Residuals at y (n, d), along the directions and in their errors, and their slopes.
 
-        These are the typical errors, with those of the fit: no part of the likelihood but what walkers follow. Of a
-        ln L that is learned as a whole return ln L and its slopes.
+        They are no part of the likelihood but what walkers follow. Of a ln L that is learned as a whole return ln L and
+        its slopes.
         """
         values, along = self._along((y[:, self.problem.coordinates] - self.centre) @ self.whiten)
         slopes = np.zeros((*y.shape, values.shape[1]))
         slopes[:, self.problem.coordinates] = np.matmul(self.whiten, along)
-        if self.problem.is_ln_likelihood:
+        if self.problem.is_ln_likelihood or not noise:
             return values, slopes
-        of_call = self.stated_variance + self.unstated_variance if noise else 0.0
-        error = np.sqrt(1.0 + self.typical_fit_variance + of_call)
+        error = np.sqrt(1.0 + (self.stated_variance + self.unstated_variance) @ self.directions**2)
         return values / error, slopes / error

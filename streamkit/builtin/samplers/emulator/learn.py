@@ -40,6 +40,8 @@ MOST, NOISY = 0.9, 10.0
 LEAST_WEIGHT = 0.02
 # The fit is trusted to |x|^2 of the farthest near point times this.
 REACH = 1.5
+# Standard deviation of a combination of predictions near the data, in its errors, from which walkers follow it.
+FOLLOWED = 0.05
 # Largest squared residual that counts in an error, in units of the typical one.
 OUTLIER = 25.0
 # The best points by ln likelihood, which is noisy: the best one is this one from the top, a fraction.
@@ -148,6 +150,7 @@ def _fitted(problem: Problem, y: Array, answers: Answers, lnl: Array) -> Emulato
         return None
     basis, fit = found
     errors = _errors(points, fit)
+    of_fit = np.sqrt(1 + errors.lack_of_fit + errors.residual * float(np.mean(fit.leverage[points.close])))
     degree = min(2, _highest_degree(points))
     others, positive = _forms(points.noise, answers.details[there])
     secondary = regress(monomials(points.x, degree), others, points.weight, RIDGES[-2])
@@ -160,11 +163,11 @@ def _fitted(problem: Problem, y: Array, answers: Answers, lnl: Array) -> Emulato
         basis=basis,
         growth=1 + (basis.degree if isinstance(basis, Polynomial) else 1),
         mean=LowRank.of(basis.of_features(fit.coefficients)),
+        directions=np.eye(1) if problem.is_ln_likelihood else _directions(points, fit, of_fit),
         leverage=basis.leverage(fit.root),
         chance=basis.of_features(fit.root),
         residual_variance=errors.residual,
         lack_of_fit=errors.lack_of_fit,
-        typical_fit_variance=errors.lack_of_fit + errors.residual * float(np.mean(fit.leverage[points.close])),
         unstated_variance=errors.unstated,
         stated_variance=errors.stated,
         pairs=errors.pairs,
@@ -176,6 +179,15 @@ def _fitted(problem: Problem, y: Array, answers: Answers, lnl: Array) -> Emulato
         trusted_r2=float(REACH * r2[points.close].max()),
         exists=log_odds(every, there.astype(float), EXISTS_RIDGE),
     )
+
+
+def _directions(points: _Points, fit: Regression, error: Array) -> Array:
+    """(m, k) Return the combinations of data, in their errors (m,), along which a fit changes near the data."""
+    near = (points.target - fit.left)[points.close] / error
+    near -= near.mean(axis=0)
+    _, sizes, along = np.linalg.svd(near, full_matrices=False)
+    kept = max(int(np.sum(sizes > FOLLOWED * np.sqrt(len(near)))), 1)
+    return np.asarray(along[:kept].T / error[:, None])
 
 
 def _points(problem: Problem, y: Array, answers: Answers, lnl: Array) -> _Points:

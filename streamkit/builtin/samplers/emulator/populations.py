@@ -28,10 +28,10 @@ from streamkit.builtin.samplers.emulator.density import Density, Terms
 from streamkit.builtin.samplers.emulator.moves import Moves
 
 # Walkers of a population of one posterior; of K factors it has that divided by K, and so many at least.
-WALKERS, LEAST_WALKERS = 1000, 400
+WALKERS, LEAST_WALKERS = 1000, 200
 # Fraction of the walkers that the weights of a stage leave, and the sweeps of a stage: of one posterior, and of several
 # factors, whose walkers start at places of each and move in blocks.
-EFFECTIVE, STAGE, STAGE_OF_SEVERAL = 0.5, 4, 2
+EFFECTIVE, STAGE, STAGE_OF_SEVERAL = 0.5, 4, 1
 # Stages after which inverse temperatures rise by equal factors, and the factor of the first in them.
 MOST_STAGES = 24
 # New moves are made every so many sweeps until they are fixed.
