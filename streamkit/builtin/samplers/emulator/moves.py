@@ -69,9 +69,12 @@ class Moves:
         return np.asarray(places[:, self._layout.own[k]] - shared @ self._follow[k])
 
     def sweep(
-        self, density: Density, z: Array, terms: Terms, beta: float, rng: np.random.Generator
+        self, density: Density, z: Array, terms: Terms, beta: float, rng: np.random.Generator, follow: bool = True
     ) -> tuple[Array, Terms]:
-        """Move walkers (w, d) with these terms at an inverse temperature; return the new places and their terms."""
+        """Move walkers (w, d) with these terms at an inverse temperature; return the new places and their terms.
+
+        Along the surface they move if they are to ``follow`` it.
+        """
         for length in (rng.choice(LENGTHS, size=len(z)), None):
             if self._shared is not None:
                 z, terms = self._move_shared(density, z, terms, beta, rng, length)
@@ -79,7 +82,7 @@ class Moves:
                 z, terms = self._move_own(density, z, terms, beta, rng, length)
         self.sweeps += 1
         z, terms = self._draw(density, z, terms, beta, rng)
-        return self._follow_surface(density, z, terms, beta, rng)
+        return self._follow_surface(density, z, terms, beta, rng) if follow else (z, terms)
 
     def _differences(self, columns: IntArray, n: int, rng: np.random.Generator) -> Array:
         """(n, k) Differences of two of the archive, of several lengths."""

@@ -28,13 +28,14 @@ from streamkit.builtin.samplers.emulator.density import Density, Terms
 from streamkit.builtin.samplers.emulator.moves import Moves
 
 # Walkers of a population of one posterior; of K factors it has that divided by K, and so many at least.
-WALKERS, LEAST_WALKERS = 1000, 200
+WALKERS, LEAST_WALKERS = 1000, 400
 # Fraction of the walkers that the weights of a stage leave, and the sweeps of a stage: of one posterior, and of several
 # factors, whose walkers start at places of each and move in blocks.
-EFFECTIVE, STAGE, STAGE_OF_SEVERAL = 0.5, 4, 1
+EFFECTIVE, STAGE, STAGE_OF_SEVERAL = 0.5, 10, 4
 # Stages after which inverse temperatures rise by equal factors, and the factor of the first in them.
 MOST_STAGES = 24
-# New moves are made every so many sweeps until they are fixed.
+# New moves are made every so many sweeps until they are fixed. Walkers follow the surface once in so many, and at last:
+# that is most of the work, and what weighs modes are the others.
 RENEWED = 5
 # Walkers of a population that walk on, sweeps of their first walk, and their most sweeps. Thin ends of a posterior fill
 # slowly, and a walk of fewer sweeps does not show that they are missing.
@@ -49,7 +50,7 @@ SWEEPS_FOR_WIDTHS = 800
 # Samples of a population that the next walk may begin from.
 LAST = 512
 # In a round, from where the last one ended: walkers, sweeps until moves are fixed and after, sweeps of a tempered copy.
-ROUND_WALKERS, ROUND_SETTLING, ROUND_SWEEPS, TEMPERED = 128, 4, 20, 6
+ROUND_WALKERS, ROUND_SETTLING, ROUND_SWEEPS, TEMPERED = 128, 10, 20, 10
 
 
 class Asked(NamedTuple):
@@ -201,11 +202,11 @@ class Population:
         for done in range(sweeps):
             if done % RENEWED == 0:
                 moves = self.moves()
-            self._sweep(moves)
+            self._sweep(moves, follow=done % RENEWED == RENEWED - 1 or done == sweeps - 1)
         return self
 
-    def _sweep(self, moves: Moves) -> None:
-        self.z, self.terms = moves.sweep(self._density, self.z, self.terms, max(self.beta, 1e-9), self._rng)
+    def _sweep(self, moves: Moves, follow: bool = True) -> None:
+        self.z, self.terms = moves.sweep(self._density, self.z, self.terms, max(self.beta, 1e-9), self._rng, follow)
         self.evaluations += 4 * len(self.z) * self.terms.ln_likelihood.shape[1]
 
     def walk(self, sweeps: int, moves: Moves) -> tuple[Array, list[Terms]]:

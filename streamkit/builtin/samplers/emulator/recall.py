@@ -19,7 +19,7 @@ from streamkit.builtin.samplers.emulator.populations import Population
 from streamkit.builtin.samplers.emulator.start import Known
 
 # Walkers without the limit, sweeps of their walk, and how many of them are used.
-WALKERS, SWEEPS, USED = 256, 10, 6
+WALKERS, SWEEPS, USED = 256, 20, 6
 # What the own error adds to ln L beyond the limit where nothing else allows the data.
 BEYOND = 1.0
 # Share of the posterior without the limit from which calls are made, and how many.

@@ -37,7 +37,7 @@ ARRIVED = 1.5
 # The same for the data of the host beside several streams: a call there takes no stream, and all streams need it.
 HOST_ARRIVED = 0.05
 # Walkers of a wave for each parameter and in any case, and sweeps of their walk, of which the last are used.
-WALKERS, LEAST_WALKERS, SWEEPS, USED = 10, 128, 8, 4
+WALKERS, LEAST_WALKERS, SWEEPS, USED = 10, 128, 15, 4
 # Calls with all particles where the starts have arrived, for each parameter and in any case.
 FIRST, LEAST_FIRST = 16, 160
 # New calls at a time where too few of them have a prediction.
