@@ -99,6 +99,14 @@ class Curved(Toy):
         return np.array([x + 0.5 * y**2, z - x + 0.3 * x * y])
 
 
+class Wavy(Curved):
+    """Waves: what no polynomial of low degree follows."""
+
+    def mean(self, theta):
+        x, y, z = theta
+        return np.array([x + 0.5 * np.sin(3 * y), z - x])
+
+
 class TwoModes(Toy):
     """Two modes: eighteen standard deviations apart."""
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from emulated import OfToy, called
-from posteriors import Curved
+from posteriors import Curved, Wavy
 from scipy.stats import norm
 
 from streamkit.builtin.samplers.emulator import learn as learning
@@ -45,14 +45,6 @@ def test_the_own_error_adds_no_more_than_its_limit(noise):
         np.testing.assert_allclose(limited.ln_likelihood(z), np.minimum(whole, without + most), rtol=1e-12)
     assert np.any(whole > without + 1.0)
     assert np.any(whole < without + 0.3)
-
-
-class Wavy(Curved):
-    """What no polynomial of low degree follows."""
-
-    def mean(self, theta):
-        x, y, z = theta
-        return np.array([x + 0.5 * np.sin(3 * y), z - x])
 
 
 def test_slopes_of_polynomials_are_polynomials():

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from emulated import OfToy, called
-from posteriors import Curved, Edges, Rough, TwoModes
+from posteriors import Curved, Edges, Rough, TwoModes, Wavy
 
 from streamkit import StreamkitError
 from streamkit.builtin.samplers.emulator import learn as learning
@@ -130,14 +130,6 @@ def test_a_call_that_says_how_noisy_it_is_does_not_decide_the_fit():
     calls.answers.mean[middle, 1] += 60 * problem.errors[1]
     calls.answers.variance[middle, 1] = (60 * problem.errors[1]) ** 2
     assert off() < 1.5 * without < 0.12
-
-
-class Wavy(Curved):
-    """What no polynomial of low degree follows."""
-
-    def mean(self, theta):
-        x, y, z = theta
-        return np.array([x + 0.5 * np.sin(3 * y), z - x])
 
 
 def as_it_is(problem):

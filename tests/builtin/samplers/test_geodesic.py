@@ -5,6 +5,7 @@ from scipy.stats import ks_1samp, norm
 
 from streamkit.builtin.samplers.emulator import geodesic
 from streamkit.builtin.samplers.emulator.agreement import autocorrelation_times
+from streamkit.builtin.samplers.emulator.arrow import Arrow
 from streamkit.builtin.samplers.emulator.density import Layout, Tangent
 from streamkit.builtin.samplers.emulator.geodesic import Surface, trajectory
 
@@ -31,14 +32,20 @@ def surface():
     return Surface(bent, Layout.of_one(3), 1.0, np.eye(3))
 
 
+def factors(sheet, place):
+    return Arrow.of(sheet.metric(place, place), sheet.layout)
+
+
 def test_a_step_back_arrives_where_the_step_began():
     rng = np.random.default_rng(1)
     z = on_the_sheet(500, rng)
     sheet, length = surface(), np.full((500, 1), 0.5)
     here = sheet.at(z)
     velocity = 0.5 * rng.standard_normal(z.shape) * [1, 0, 1] + [0, 1, 0] * z[:, :1]
-    there, new, arrived = sheet.step(here, velocity, length)
-    back, old, returned = sheet.step(there, -new, length)
+    there, arrived = sheet.step(here, velocity, length)
+    new = sheet.velocity(here, there, factors(sheet, there), length)
+    back, returned = sheet.step(there, -new, length)
+    old = sheet.velocity(there, back, factors(sheet, back), length)
     both = arrived & returned
     assert both.mean() > 0.9
     assert np.abs(there.z - z)[both].max() > 0.3

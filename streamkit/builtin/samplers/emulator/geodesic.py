@@ -44,14 +44,14 @@ class Surface:
         Which coordinates belong to which factor.
     beta
         The inverse temperature.
-    flat
-        (d, d) the metric without residuals: 1, or a precision of the posterior where no factor has residuals.
+    precision
+        (d, d) of the posterior: the metric where no factor has residuals.
     """
 
     tangents: Tangents
     layout: Layout
     beta: float
-    flat: Array
+    precision: Array
 
     def at(self, z: Array) -> Place:
         """Return what is known at places z (n, d)."""
@@ -61,35 +61,42 @@ class Surface:
 
     def metric(self, here: Place, there: Place) -> Array:
         """(n, d, d) Return the metric between places: J of one times J of the other, transposed."""
-        total = np.tile(self.flat, (len(here.z), 1, 1))
+        total = np.tile(self._flat(here), (len(here.z), 1, 1))
         for one, other in zip(here.factors, there.factors, strict=True):
             rows, columns = np.ix_(one.columns, one.columns)
             total[:, rows, columns] += np.matmul(one.along, other.along.transpose(0, 2, 1))
         return total
 
-    def normal(self, here: Place, z: Array, residuals: Sequence[Array]) -> Array:
+    def _flat(self, here: Place) -> Array:
+        """(d, d) Return the metric without residuals: 1 beside some."""
+        return np.eye(len(self.precision)) if any(each.along.shape[2] for each in here.factors) else self.precision
+
+    def _normal(self, here: Place, z: Array, residuals: Sequence[Array]) -> Array:
         """(n, d) Return displacements z (n, d) and of the residuals, along the surface here, times the metric."""
-        total = z @ self.flat
+        total = z @ self._flat(here)
         for each, away in zip(here.factors, residuals, strict=True):
             total[:, each.columns] += times(each.along, away)
         return total
 
-    def step(self, here: Place, velocity: Array, length: Array) -> tuple[Place, Array, BoolArray]:
-        """Go from places along geodesics; return where to, the velocity (n, d) there, and whether one arrived (n,)."""
+    def step(self, here: Place, velocity: Array, length: Array) -> tuple[Place, BoolArray]:
+        """Go from places along geodesics; return where to, and whether one arrived (n,)."""
         ahead = here.z + length * velocity
         wanted = [each.residuals + length * times(each.along.transpose(0, 2, 1), velocity[:, each.columns])
                   for each in here.factors]  # fmt: skip
-        there, arrived = self._nearest(here, ahead, wanted)
-        moved = self.normal(there, there.z - here.z, [new.residuals - old.residuals for new, old in
-                                                      zip(there.factors, here.factors, strict=True)])  # fmt: skip
-        return there, Arrow.of(self.metric(there, there), self.layout).solve(moved) / length, arrived
+        return self._nearest(here, ahead, wanted)
+
+    def velocity(self, here: Place, there: Place, factors: Arrow, length: Array) -> Array:
+        """(n, d) Return the velocity after a step, by the factors of the metric there."""
+        moved = self._normal(there, there.z - here.z, [new.residuals - old.residuals for new, old in
+                                                       zip(there.factors, here.factors, strict=True)])  # fmt: skip
+        return np.asarray(factors.solve(moved) / length)
 
     def _nearest(self, here: Place, ahead: Array, wanted: Sequence[Array]) -> tuple[Place, BoolArray]:
         """Return the places of the surface that differ from (ahead, wanted) by what is normal to the surface here."""
         there, left = self.at(ahead.copy()), np.arange(len(ahead), dtype=np.int64)
         for _ in range(NEWTON):
             some, begin = there.take(left), here.take(left)
-            off = self.normal(begin, some.z - ahead[left], [each.residuals - goal[left] for each, goal in
+            off = self._normal(begin, some.z - ahead[left], [each.residuals - goal[left] for each, goal in
                                                             zip(some.factors, wanted, strict=True)])  # fmt: skip
             step = solved(self.metric(begin, some), off, self.layout)
             far = ~(np.abs(step).max(axis=1) < ARRIVED)
@@ -142,11 +149,13 @@ def trajectory(surface: Surface, z: Array, rng: np.random.Generator) -> tuple[Ar
     followed = np.ones(len(z), dtype=bool)
     for _ in range(rng.integers(1, MOST_STEPS + 1)):
         velocity = velocity + 0.5 * length * factors.solve(here.force())
-        there, velocity, arrived = surface.step(here, velocity, length)
-        again, _, returned = surface.step(there, -velocity, length)
+        there, arrived = surface.step(here, velocity, length)
+        metric_there = surface.metric(there, there)
+        factors = Arrow.of(metric_there, surface.layout)
+        velocity = surface.velocity(here, there, factors, length)
+        again, returned = surface.step(there, -velocity, length)
         followed &= arrived & returned & (_squared(again.z - here.z, metric) < BACK**2)
-        here, metric = there, surface.metric(there, there)
-        factors = Arrow.of(metric, surface.layout)
+        here, metric = there, metric_there
         velocity = velocity + 0.5 * length * factors.solve(here.force())
     added -= 0.5 * _squared(velocity, metric) + factors.ln_volume()
     return here.z, np.where(followed, added, -np.inf)

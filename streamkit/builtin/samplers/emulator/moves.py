@@ -153,9 +153,7 @@ class Moves:
         self, density: Density, z: Array, terms: Terms, beta: float, rng: np.random.Generator
     ) -> tuple[Array, Terms]:
         """Move all coordinates along the posterior's surface."""
-        known = any(each.residuals.shape[1] for each in density.tangents(z[:1]))
-        flat = np.eye(z.shape[1]) if known else self._precision
-        new, correction = trajectory(Surface(density.tangents, self._layout, beta, flat), z, rng)
+        new, correction = trajectory(Surface(density.tangents, self._layout, beta, self._precision), z, rng)
         others = density.terms(new)
         accepted = np.log(rng.random(len(z))) < _gain(others.total(beta), terms.total(beta)) + correction
         self.accepted[3] += accepted.mean()
