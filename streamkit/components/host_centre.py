@@ -71,9 +71,10 @@ class HostCentre:
 
     def farthest(self, lookback: float) -> tuple[float, float]:
         """Return its largest distance from the origin in kpc over a look-back time in Gyr, and how many Gyr ago."""
-        times, motion = np.linspace(-lookback * GYR, 0.0, LOOKS), engine.Motion(centre=self.path)
-        away = [float(np.linalg.norm(motion.state_at(t)[0])) for t in times.tolist()]
-        return max(away), -float(times[int(np.argmax(away))]) / GYR
+        times = np.linspace(-lookback * GYR, 0.0, LOOKS)
+        away = np.sqrt((engine.Motion(centre=self.path).centres_at(times) ** 2).sum(axis=0))
+        farthest = int(np.argmax(away))
+        return float(away[farthest]), -float(times[farthest]) / GYR
 
     @cached_property
     def force(self) -> FrameForce | None:

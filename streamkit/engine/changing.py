@@ -8,7 +8,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numba import njit
 
-from streamkit.engine.cache import OPTIONS, UNCALLED
+from streamkit.engine.cache import INLINE, OPTIONS, UNCALLED
 from streamkit.stream import Array
 
 # For each argument after t that changes, its number and its pieces in time; the number FACTOR is the whole force's.
@@ -38,15 +38,24 @@ def linear(times: Array, values: Array) -> Array:
     return pieces
 
 
-def value_at(t: Any, pieces: Any) -> Any:
-    """Return the value at one time; the pieces may be many, so that they are halved."""
-    k, last = 0, pieces.shape[0] - 1
+def _row_at(t: Any, table: Any) -> Any:
+    """Return the row of a table that holds at one time; the rows may be many, so that they are halved."""
+    k, last = 0, table.shape[0] - 1
     while k < last:
         middle = (k + last + 1) // 2
-        if pieces[middle, 0] <= t:
+        if table[middle, 0] <= t:
             k = middle
         else:
             last = middle - 1
+    return k
+
+
+row_at = njit(**INLINE)(_row_at)
+
+
+def value_at(t: Any, pieces: Any) -> Any:
+    """Return the value at one time."""
+    k = row_at(t, pieces)
     s = t - pieces[k, 0]
     return pieces[k, 1] + s * (pieces[k, 2] + s * (pieces[k, 3] + s * (pieces[k, 4] + s * pieces[k, 5])))
 

@@ -9,8 +9,8 @@ import numpy as np
 from numba import njit
 
 from streamkit.engine.cache import OPTIONS, UNCALLED
-from streamkit.engine.changing import value_at, values_at
-from streamkit.stream import Array, to_axes
+from streamkit.engine.changing import row_at, value_at, values_at
+from streamkit.stream import Array, IntArray, to_axes
 
 _INLINED: dict[str, Any] = {"forceinline": True, **UNCALLED, **OPTIONS}
 # Whether the axes turn, and whether the centre moves: with the layout they decide the machine code.
@@ -71,21 +71,23 @@ class Motion(NamedTuple):
         The given one is that of axes that do not turn.
         """
         if len(self.centre):
-            rows = self.centre[np.searchsorted(self.centre[1:, 0], t, side="right")].T
-            s = t - rows[0]
-            c = rows[1:].reshape(3, 4, -1)
-            q = q - (c[:, 0] + s * (c[:, 1] + s * (c[:, 2] + s * c[:, 3])))
+            q = q - self.centres_at(t)
         if self.angles:
             rotation = rotation_of(*(values_at(t, pieces) for pieces in self.angles))
         return np.ascontiguousarray(q if rotation is None else np.stack(to_axes(rotation, *q))), rotation
 
+    def centres_at(self, t: Array) -> Array:
+        """(3, n) Return positions of a centre that is not the origin at times (n,)."""
+        rows = self.centre[np.searchsorted(self.centre[1:, 0], t, side="right")].T
+        s = t - rows[0]
+        c = rows[1:].reshape(3, 4, -1)
+        return np.asarray(c[:, 0] + s * (c[:, 1] + s * (c[:, 2] + s * c[:, 3])))
+
     def state_at(self, t: float) -> tuple[Array, Array]:
         """Return position and velocity (3,) of the centre at one time."""
-        if not len(self.centre):
-            return np.zeros(3), np.zeros(3)
-        row = self.centre[int(np.searchsorted(self.centre[1:, 0], t, side="right"))]
-        s, c = t - row[0], row[1:].reshape(3, 4).T
-        return c[0] + s * (c[1] + s * (c[2] + s * c[3])), c[1] + s * (2 * c[2] + s * 3 * c[3])
+        times = np.array([t])
+        cubics = _begun_at(times, self.centre, np.searchsorted(self.centre[1:, 0], times, side="right"))
+        return cubics[0, ::4], cubics[0, 1::4]
 
     def seen_from(self, centre: Array) -> Motion:
         """Return the same motion as seen from another centre, which moves too: cubics (k, 13) with times of their own.
@@ -96,7 +98,8 @@ class Motion(NamedTuple):
             return Motion(self.angles)
         knots = np.unique(np.concatenate([self.centre[1:, 0], centre[1:, 0]]))
         first = knots[np.maximum(np.arange(len(knots) + 1) - 1, 0)] if len(knots) else np.zeros(1)
-        moved = _begun_at(first, self.centre) - _begun_at(first, centre)
+        mine, its = (_begun_at(first, each, _rows_from(first, each)) for each in (self.centre, centre))
+        moved = mine - its
         return Motion(self.angles, np.ascontiguousarray(np.concatenate([first[:, None], moved], axis=1)))
 
     def pushes(self) -> tuple[Array, ...]:
@@ -115,12 +118,17 @@ class Motion(NamedTuple):
 STILL = Motion()
 
 
-def _begun_at(first: Array, centre: Array) -> Array:
-    """(n, 12) Coefficients of a centre's cubics from other times (n,) on; the first is for all times before too."""
-    if not len(centre):
-        return np.zeros((len(first), 12))
+def _rows_from(first: Array, centre: Array) -> IntArray:
+    """(n,) Return the rows of a centre from rising times (n,) on; the first is for all times before too."""
     rows = np.searchsorted(centre[1:, 0], first, side="right")
     rows[0] = 0
+    return rows
+
+
+def _begun_at(first: Array, centre: Array, rows: IntArray) -> Array:
+    """(n, 12) Coefficients of these rows (n,) of a centre's cubics, in powers of the time since times (n,)."""
+    if not len(centre):
+        return np.zeros((len(first), 12))
     s, c = (first - centre[rows, 0])[:, None], centre[rows, 1:].reshape(-1, 3, 4).transpose(2, 0, 1)
     cubics = (
         c[0] + s * (c[1] + s * (c[2] + s * c[3])),
@@ -132,14 +140,8 @@ def _begun_at(first: Array, centre: Array) -> Array:
 
 
 def centre_in_time(t: Any, table: Any) -> Any:
-    """Return the place of the centre at one time; the rows may be many, so that they are halved."""
-    k, last = 0, table.shape[0] - 1
-    while k < last:
-        middle = (k + last + 1) // 2
-        if table[middle, 0] <= t:
-            k = middle
-        else:
-            last = middle - 1
+    """Return the place of the centre at one time."""
+    k = row_at(t, table)
     s = t - table[k, 0]
     return (
         table[k, 1] + s * (table[k, 2] + s * (table[k, 3] + s * table[k, 4])),

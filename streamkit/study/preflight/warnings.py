@@ -8,8 +8,7 @@ from functools import reduce
 
 import numpy as np
 
-from streamkit.components import Component, LiveStripping, Total
-from streamkit.engine import Motion
+from streamkit.components import Component, HostCentre, LiveStripping, Total
 from streamkit.errors import OutOfDomain
 from streamkit.model import Host
 from streamkit.runfile import Body, ModelInputs, Spec, StreamInputs, Sun
@@ -18,7 +17,6 @@ from streamkit.study.preflight.draws import PriorDraws
 from streamkit.study.preflight.header_warnings import SAME_FRAME, angle_between, header_warnings
 from streamkit.study.preflight.orbit import HORIZON, OrbitSummary, summarise_orbit
 from streamkit.testing import quick_failures
-from streamkit.units import GYR
 
 # Ranges that contain all recent measurements of the Sun's position and of the rotation speed there.
 USUAL_SUN = {"r0": (7.0, 9.0, "kpc"), "z": (-0.1, 0.1, "kpc"), "v_circ": (180.0, 280.0, "km/s")}
@@ -30,7 +28,6 @@ FEWEST_PARTICLES = 100  # with fewer particles the remedy for rare streams is mo
 # speed above the limit in km/s.
 SLOW_HOST, SPEED_LIMIT = 10.0, 2000.0
 OFF_CENTRE = 0.1  # distance of a galaxy's centre from the origin, in units of the progenitor's distance from it
-LOOKED_AT = 513  # times at which a centre is looked at
 DISSOLVED = 0.01  # share of a progenitor's mass, bound today, below which it has dissolved
 FEW = 300.0  # smallest effective number of particles of a live progenitor, by their weights
 
@@ -170,12 +167,10 @@ def origin_warnings(spec: Spec, inputs: StreamInputs) -> list[str]:
     rest = Total(tuple(p for p in inputs.potentials.values() if p is not own[name]))
     if pull[name] <= float(np.linalg.norm(rest.acceleration(place))):
         return []
-    t = np.linspace(-inputs.lookback * GYR, 0.0, LOOKED_AT)
-    centre = -Motion(centre=own[name].motion().centre).seen(np.zeros((3, len(t))), t, None)[0]
-    away, here = np.sqrt((centre**2).sum(axis=0)), float(np.linalg.norm(inputs.q - centre[:, -1]))
-    if away.max() <= OFF_CENTRE * here:
+    path = HostCentre(own[name].motion().centre)
+    (away, ago), here = path.farthest(inputs.lookback), float(np.linalg.norm(inputs.q - path.today[0]))
+    if away <= OFF_CENTRE * here:
         return []
-    farthest = int(np.argmax(away))
     where, why, remedy = (
         "the origin", "Other parts have no centre, and", "If they belong to the same galaxy, give them the same centre."
     ) if spec.sections.host_centre is None else (
@@ -185,7 +180,7 @@ def origin_warnings(spec: Spec, inputs: StreamInputs) -> list[str]:
         "its acceleration by a part of the kind 'uniform_acceleration'.",
     )  # fmt: skip
     return [
-        f"potential.{name}.centre is up to {away[farthest]:.3g} kpc from {where}, {-t[farthest] / GYR:.3g} Gyr ago, "
+        f"potential.{name}.centre is up to {away:.3g} kpc from {where}, {ago:.3g} Gyr ago, "
         f"and the progenitor is {here:.3g} kpc from that centre today. {why} the steps of the integrator, tidal radii "
         f"and apocentres are measured from {where}: steps may be too long, and the other two are wrong. {remedy}"
     ]
