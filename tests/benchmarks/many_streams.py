@@ -10,7 +10,7 @@ CPU seconds are those of the process that samples, which makes the calls too if 
     python tests/benchmarks/many_streams.py --joint [--streams 4 8 16 30]
 
 The joint step alone: a sweep of 128 walkers of the sampler over streams whose data are linear in five parameters of the
-host and five of their own, which cost nothing to evaluate; and its move about the Gaussian of linear predictions. An
+host and five of their own, which cost nothing to evaluate; and its trajectory along the surface. An
 emulator of a stream costs some 14 us an evaluation more, four for each stream and walker in a sweep.
 """
 
@@ -149,7 +149,7 @@ def joint(count: int) -> dict[str, Any]:
         for _ in range(SWEEPS):
             step()
         spent.append(1e3 * (time.process_time() - begin) / SWEEPS)
-    return {"streams": count, "parameters": factors.layout.size, "ms a sweep": spent[0], "linear move": spent[1]}
+    return {"streams": count, "parameters": factors.layout.size, "ms a sweep": spent[0], "trajectory": spent[1]}
 
 
 def _cpu() -> tuple[float, float]:
