@@ -21,9 +21,10 @@ from streamkit.builtin.samplers.emulator.polynomial import Leverage, LowRank, Sl
 INDUCING, LEARNED_FROM, STEPS = 600, 400, 25
 # Lengths in half standard deviations of the points that are expected before any are learned, and how surely in ln.
 EXPECTED, SURE = 4.0, 1.5
-# Logarithms of amplitudes, in variances of the targets, that learning begins from, and the largest one. The marginal
-# likelihood may have two maxima: one of long lengths with an amplitude of hundreds, and one of short lengths and noise.
-AMPLITUDES, LARGEST = (5.0, 0.0), 10.0
+# Logarithms of amplitudes, in variances of the targets, that learning begins from, each with a draw of points of its
+# own, and the largest one. The marginal likelihood has a maximum of long lengths with an amplitude of hundreds, and one
+# of short lengths and noise. Which is higher, and how long a length is, depends on the draw.
+BEGINS, LARGEST = (5.0, 5.0, 0.0), 10.0
 # What is added to the diagonal of the kernel, so that it can be inverted.
 JITTER = 1e-7
 # Variance that need not be represented: as a fraction of the noise, and in any case as one of the process itself.
@@ -124,12 +125,13 @@ def squared_exponential(a: Array, b: Array, lengths: Array) -> Array:
 
 
 def learn_kernel(
-    x: Array, target: Array, weight: Array, rng: np.random.Generator, least_noise: float = 0.0
+    x: Array, target: Array, weight: Array, rng: np.random.Generator, least_noise: float = 0.0, begin: float = BEGINS[0]
 ) -> Kernel:
     """Learn lengths, amplitude and noise from targets (n, m), in errors of the data, at x (n, c) with weights (n,).
 
-    They maximise the marginal likelihood of what a linear fit leaves over at some of the points. Where points are few,
-    it may have a maximum without noise, at short lengths: ``least_noise``, in squared errors, is what is known of it.
+    They maximise the marginal likelihood of what a linear fit leaves over at some of the points, from a logarithm of
+    the amplitude to ``begin`` at. Where points are few, it may have a maximum without noise, at short lengths:
+    ``least_noise``, in squared errors, is what is known of it.
     """
     c = x.shape[1]
     chosen = _some(weight, LEARNED_FROM, rng)
@@ -161,10 +163,8 @@ def learn_kernel(
 
     least = float(np.log(np.clip(least_noise / typical, 1e-7, 6.0)))
     bounds = [(np.log(0.3), np.log(100.0))] * c + [(-7.0, LARGEST), (least, 2.0)]
-    begins = ([np.log(EXPECTED)] * c + [each, max(np.log(0.1), least)] for each in AMPLITUDES)
-    found = [minimize(cost, each, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": STEPS})
-             for each in begins]  # fmt: skip
-    p = min(found, key=lambda each: float(each.fun)).x
+    first = [np.log(EXPECTED)] * c + [begin, max(np.log(0.1), least)]
+    p = minimize(cost, first, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": STEPS}).x
     lengths, amplitude, noise = np.exp(p[:c]), typical * float(np.exp(p[c])), typical * float(np.exp(p[c + 1]))
     places = x[_spread(x / lengths, weight, INDUCING)]
     return Kernel(places, lengths, amplitude, noise, _principal(places, lengths, UNSEEN * noise / amplitude))

@@ -11,7 +11,7 @@ from scipy.special import expit
 
 from streamkit import Array, BoolArray, IntArray
 from streamkit.builtin.samplers.emulator.emulator import SILENCE, Emulator
-from streamkit.builtin.samplers.emulator.kernel import Kernel, learn_kernel
+from streamkit.builtin.samplers.emulator.kernel import BEGINS, Kernel, learn_kernel
 from streamkit.builtin.samplers.emulator.pairs import ENOUGH as ENOUGH_PAIRS
 from streamkit.builtin.samplers.emulator.pairs import pairs_of
 from streamkit.builtin.samplers.emulator.polynomial import LowRank, Polynomial, Regression, regress
@@ -161,7 +161,7 @@ def _fitted(problem: Problem, y: Array, answers: Answers, lnl: Array) -> Emulato
         centre=points.centre,
         whiten=points.whiten,
         basis=basis,
-        growth=1 + (basis.degree if isinstance(basis, Polynomial) else 1),
+        growth=1 + basis.degree if isinstance(basis, Polynomial) else 1,
         mean=LowRank.of(basis.of_features(fit.coefficients)),
         directions=np.eye(1) if problem.is_ln_likelihood else _directions(points, fit, of_fit),
         leverage=basis.leverage(fit.root),
@@ -231,12 +231,13 @@ def _best_regression(points: _Points) -> tuple[Polynomial | Kernel, Regression] 
     noisy = float(points.typical_noise.sum())
     m = points.target.shape[1]
     if min(fits, key=_first)[0] > WORTH * noisy + EXACT * m:
+        counted, rng = points.weight >= LEAST_WEIGHT, np.random.default_rng(len(points.x))
+        x, target, weight = points.x[counted], points.target[counted], points.weight[counted]
         try:
-            counted, rng = points.weight >= LEAST_WEIGHT, np.random.default_rng(len(points.x))
-            x, target, weight = points.x[counted], points.target[counted], points.weight[counted]
-            kernel = learn_kernel(x, target, weight, rng, SURELY * noisy / m)
-            fit = regress(kernel.terms(points.x), points.target, points.weight, kernel.penalty)
-            fits.append((_left_over(points, fit), kernel, fit))
+            for begin in BEGINS:
+                kernel = learn_kernel(x, target, weight, rng, SURELY * noisy / m, begin)
+                fit = regress(kernel.terms(points.x), points.target, points.weight, kernel.penalty)
+                fits.append((_left_over(points, fit), kernel, fit))
         except LinAlgError:
             pass
     _, basis, fit = min(fits, key=_first)

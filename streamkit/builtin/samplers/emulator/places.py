@@ -7,8 +7,8 @@ import numpy as np
 from streamkit import Array
 from streamkit.builtin.samplers.emulator.density import Emulated
 
-# Samples among which the least known are looked for.
-SOME = 4000
+# Samples among which the least known are looked for, and the most that one counts, in ln L.
+SOME, MOST = 4000, 5.0
 
 
 def by_width(samples: Array, rng: np.random.Generator) -> Array:
@@ -34,7 +34,7 @@ def to_call(emulated: Emulated, samples: Array, size: int, rng: np.random.Genera
 
 
 def least_known(emulated: Emulated, samples: Array, size: int, rng: np.random.Generator) -> Array:
-    """Draw samples (n, d) of the posterior by what the emulator's own error changes of their ln L."""
+    """Draw samples (n, d) of the posterior by what the emulator's own error changes of their likelihood."""
     some = rng.permutation(samples)[:SOME]
-    change = np.abs(emulated.change_by_error(some)) + 1e-9
+    change = np.abs(np.expm1(-np.clip(emulated.change_by_error(some), -MOST, MOST))) + 1e-9
     return some[rng.choice(len(some), min(size, len(some)), replace=False, p=change / change.sum())]

@@ -55,7 +55,7 @@ from streamkit.builtin.samplers.emulator.start import SOME, Known, Starter, begi
 # the emulator may be too low.
 COPIES = ((1.0, 0.4), (0.5, 0.2), (0.25, 0.2))
 # Share of a round's new points that are samples of the posterior where the emulator's own error counts most; and where
-# a long walk has just found that it counts too much: the short walks of rounds hardly come to thin ends.
+# it counts too much: thin ends, of which few calls tell, may hold a fifth of a width.
 LEAST_KNOWN, ENDS = 0.2, 0.6
 # Fraction of a round's new points of the posterior that are pairs: two calls at one place differ by their noise alone.
 PAIRED = 0.5
@@ -167,7 +167,7 @@ class Rounds:
             samples = every_so_often(result.samples, 4 * SOME)
             wanted = self._wanted(known, samples, max_calls)
             before = [each.emulated for each in wanted]
-            self._call(known, wanted, copies, seed, ENDS if to_test and blurred(known) else LEAST_KNOWN)
+            self._call(known, wanted, copies, seed, ENDS if blurred(known) else LEAST_KNOWN)
             self._learn(known, copies)
             self._taught(wanted, before, samples)
             turn += 1
