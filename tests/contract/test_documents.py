@@ -97,7 +97,8 @@ def carry_out(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
         if command.target:
             Path(command.target).write_text(result.stdout)
     assert command.script or command.arguments, command.words
-    assert all(Path(made).exists() for made in command.makes())
+    for made in map(Path, command.makes()):  # an imported host of several parts has a table of each: galaxy_halo.ecsv
+        assert made.exists() or list(made.parent.glob(f"{made.stem}_*{made.suffix}"))
 
 
 @each_document

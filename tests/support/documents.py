@@ -175,7 +175,7 @@ def reduced(path: Path, spec: Spec, particles: int = 500) -> Spec:
 def lay_desk(where: Path) -> None:
     """Make a directory that looks like the root of the repository."""
     for path in sorted((ROOT / "examples").rglob("*")):
-        if path.suffix in (".toml", ".py", ".ecsv"):
+        if path.suffix in (".toml", ".py", ".ecsv", ".ini"):
             copy = where / path.relative_to(ROOT)
             copy.parent.mkdir(parents=True, exist_ok=True)
             shutil.copy(path, copy)
