@@ -19,7 +19,7 @@ from streamkit import GYR, Array, G, StreamkitError
 from streamkit_hosts.exp_basis import basis_of, settings_of
 from streamkit_hosts.exp_coefficients import Coefficients, read_coefficients
 from streamkit_hosts.expansion import Expansion
-from streamkit_hosts.path import path_of, told
+from streamkit_hosts.path import moved_by, path_of, told
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ def read(
     if kept >= 4:
         cuts[f"the degrees above {kept - 2}"] = partial(phi, below=kept - 1)
     first, last = basis.first * scale, basis.last * scale
-    moved = float(np.sqrt(((found.centre - found.centre[-1]) ** 2).sum(axis=1)).max()) * length
+    moved = moved_by(found.centre) * length
     path = path_of((found.times - now) * time, found.centre * length) if moved > first else {}
     said = (told(moved, path),) if moved > first else ()
     return Expansion((found.times - now) * time, harmonics, phi, first, last, cuts, said, path)

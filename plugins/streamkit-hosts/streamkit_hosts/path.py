@@ -24,6 +24,11 @@ def path_of(times: Array, centres: Array) -> dict[str, list[float]]:
     return {"t": times.tolist(), **{name: column.tolist() for name, column in zip("xyz", moved.T, strict=True)}}
 
 
+def moved_by(centres: Array) -> float:
+    """Return the largest distance of centres (T, 3) from the last one, in their unit."""
+    return float(np.sqrt(((centres - centres[-1]) ** 2).sum(axis=1)).max())
+
+
 def told(moved: float, path: dict[str, list[float]]) -> str:
     """Return what to say of a centre that moves by up to ``moved`` kpc."""
     head = f"the centre moves by up to {moved:.3g} kpc"

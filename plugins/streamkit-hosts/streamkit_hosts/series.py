@@ -12,7 +12,7 @@ import numpy as np
 from streamkit import Array, StreamkitError
 from streamkit_hosts.compare import LIMIT, median_change, places
 from streamkit_hosts.multipoles import inwards, names, of_particles
-from streamkit_hosts.path import path_of, told
+from streamkit_hosts.path import moved_by, path_of, told
 from streamkit_hosts.snapshot import Particles, read
 from streamkit_hosts.table import check_rows, force_of, table_of
 
@@ -102,10 +102,11 @@ def expand(
         first, second = (files[order[same[0] + k]] for k in (0, 1))
         raise StreamkitError(f"{first} and {second} have the same time, {now[same[0]]:.4g} Gyr: give one of them")
     truncation, noise = np.max(errors, axis=0)
-    moved = np.sqrt(((np.array(centres) - centres[order[-1]]) ** 2).sum(axis=1)).max()
+    in_order = np.array(centres)[order]
+    moved = moved_by(in_order)
     table = table_of(now - now[-1], whole, names(l_max), np.array(parts)[order])
-    path = path_of(now - now[-1], np.array(centres)[order]) if moved > shells[0] else {}
-    return Series(table, now - now[-1], shells, l_max, float(truncation), float(noise), float(moved), path)
+    path = path_of(now - now[-1], in_order) if moved > shells[0] else {}
+    return Series(table, now - now[-1], shells, l_max, float(truncation), float(noise), moved, path)
 
 
 def densest(snapshot: Particles) -> Array:
