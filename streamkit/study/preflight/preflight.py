@@ -20,6 +20,7 @@ from streamkit.study.preflight.warnings import (
     conformance_warnings,
     dissolved_warnings,
     mass_warnings,
+    moved_twice_warnings,
     prior_warnings,
     short_lookback,
     stream_warnings,
@@ -102,6 +103,7 @@ def run_preflight(spec: Spec, *, draws: int = 64, progress: bool = False) -> Pre
     warnings += data_warnings(spec, [*trials, *(tried.trials if tried is not None else ())])
     warnings += sign_warnings(spec, trials)
     warnings += mass_warnings(spec, bound)
+    warnings += moved_twice_warnings(spec, bound)
     warnings += prior_warnings(spec, bound, tried)
     warnings += [f"This run file cannot be fitted: {unfit}."] if unfit else spec.sampler.advice(len(spec.names))
     warnings += sun_warnings(bound.sun)

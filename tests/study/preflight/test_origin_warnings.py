@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 import streamkit as sk
 from streamkit.study.preflight import describe_preflight, run_preflight
@@ -68,3 +69,32 @@ def test_the_lighter_galaxy_has_a_warning() -> None:
     (text,) = warnings_of(document)
     assert "potential.halo.centre is up to" in text
     assert "from the centre of the host" in text
+
+
+LMC = {"kind": "hernquist", "mass": 1.5e11, "a": 20.0, "x": -1, "y": -41, "z": -27, "vx": -57, "vy": -226, "vz": 221}
+TWICE = "The host is moved along a path"
+
+
+@pytest.mark.parametrize(
+    ("more", "moving"),
+    [
+        ({"body": {"lmc": LMC}}, ["body.lmc"]),
+        ({"progenitor": {"mass": 5e9, "radius": 3.0, "reflex": True}}, ["progenitor"]),
+        ({"body": {"lmc": LMC | {"reflex": False}}}, []),
+        ({"body": {"lmc": LMC | {"mass": 1e7}}}, []),  # which moves the host by nothing that counts
+    ],
+    ids=["body", "progenitor", "no reflex", "light"],
+)
+def test_a_host_that_a_path_and_a_body_move_has_a_warning(more: dict[str, Any], moving: list[str]) -> None:
+    document = run_file(SPEED, bulge=False)
+    t = np.linspace(-3, 0, 7)
+    for swing in (0.0, 10.0):  # km/s; a path without acceleration is not the answer to a pull
+        x = SPEED * GYR * t + swing * GYR * t**2
+        document["potential"]["halo"]["centre"] = {"t": t.tolist(), "x": x.tolist(), "y": [0.0] * 7, "z": [0.0] * 7}
+        for name, section in more.items():
+            document[name] = document.get(name, {}) | section
+        texts = [text for text in run_preflight(sk.load(document), draws=0).warnings if TWICE in text]
+        assert len(texts) == (swing > 0 and len(moving) > 0)
+        for text in texts:
+            assert f"(potential.halo.centre), and by the pull of {moving[0]} too" in text
+            assert f"set {moving[0]}.reflex = false" in text
