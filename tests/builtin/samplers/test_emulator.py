@@ -347,6 +347,7 @@ def test_a_mode_that_a_start_has_missed_is_found_by_another():
     last, _ = sampled(TwoModes(), cheap=Blind(TwoModes(), blind={0}))
     mean, sd = TwoModes().moments
     assert last.missing == ""
+    assert last.known[0].seen == len(last.known[0].starts) - 1
     np.testing.assert_allclose((samples_of(last).mean(axis=0) - mean) / sd, 0.0, atol=0.15)
 
 

@@ -342,6 +342,7 @@ class Rounds:
             wanted, mine = min(AGREEING, self._starts_of_each, len(each.starts)), samples[:, each.factor.columns]
             lnl = each.emulated.ln_likelihood(mine)
             made, seen = len(each.starts), sum(start.missed(mine, lnl) <= MISSED for start in each.starts)
+            each.seen = seen
             if seen >= wanted:
                 continue
             if made < MOST_STARTS:

@@ -222,8 +222,7 @@ def _verdict(progress: Progress) -> Verdict:
         f"none by more than {progress.uncertain:.2f}, nine times in ten. Two populations agree, R-hat "
         f"{both.r_hat:.3f}, with {both.independent:.0f} independent samples of walks of "
         f"{both.sweeps / both.time:.0f} autocorrelation times, each width known to {100 * both.width_error:.0f} %. "
-        + _recalled(found)
-        + f" {_smallest(progress)}"
+        + f"{_recalled(found)} {_seen(progress)}{_smallest(progress)}"
     )
     return Verdict(subject, "fine", value, sentence, RULE)
 
@@ -234,6 +233,15 @@ def _recalled(found: Recall) -> str:
     return (
         f"{found.calls} calls where only the emulator's own error allows the data find {100 * found.found:.1f} % of "
         "the posterior there."
+    )
+
+
+def _seen(progress: Progress) -> str:
+    """Say how many starts of a single stream saw all of the posterior; an empty text for a run of several."""
+    return "".join(
+        f"{each.seen} of {len(each.starts)} start{'s' * (len(each.starts) > 1)} saw all of the posterior. "
+        for each in progress.known
+        if each.seen is not None and any(start.draws for start in each.starts)
     )
 
 

@@ -91,6 +91,8 @@ class Known:
         Its emulated likelihood.
     starts
         Its independent starts.
+    seen
+        How many of them saw all of the posterior; None before the end, and of one factor of several.
     alone
         The best emulated ln likelihood of the stream alone.
     own_error
@@ -121,6 +123,7 @@ class Known:
     taught: float = np.inf
     certificate: Certificate | None = None
     before: list[Emulated] = field(default_factory=list)
+    seen: int | None = None
 
 
 @dataclass(frozen=True, eq=False)
