@@ -104,13 +104,14 @@ class Progress:
     def line(self) -> str:
         """Return what a line of log says."""
         spent, new, total = time.monotonic() - self._begun, self.done - self._first, self.total
+        note = f"; {self._note}" if self._note else ""
         if not np.isfinite(total):
-            return f"{self._what}: {self.done:.0f} {self._unit}s after {seconds(round(spent))}"
+            return f"{self._what}: {self.done:.0f} {self._unit}s after {seconds(round(spent))}{note}"
         share = f"{100 * self.done / max(total, 1):.0f} %"
         of = f"of about {total:.0f}" if np.isfinite(self._deadline) else f"of {total:.0f}"
         counted = f"{self.done:.0f} {of} {self._unit}s ({share})" if self._unit else share
         left = f", about {seconds(round(spent / new * (total - self.done)))} left" if new > 0 else ""
-        return f"{self._what}: {counted} after {seconds(round(spent))}{left}{self._note and f'; {self._note}'}"
+        return f"{self._what}: {counted} after {seconds(round(spent))}{left}{note}"
 
     def _log(self) -> None:
         now = time.monotonic()

@@ -30,30 +30,37 @@ class SamplingProgress:
         self._deadline, self._mass = deadline, mass
         self._expected, self._remark = np.inf, ""
         self._bar: Progress | None = None
-        self._noted = monotonic()
+        self._starts = False  # whether the bar is that of calls with few particles, before all others
 
     def expect(self, total: float) -> None:
         """Set the expected total number of calls, or of steps."""
         self._expected = total
-        if self._bar is not None:
+        if self._bar is not None and not self._starts:
             self._bar.expect(total)
 
     def remark(self, text: str) -> None:
         """Show a short text beside the numbers."""
         self._remark = text
 
-    def update(self, more: int, calls: int, storage: Storage) -> None:
-        """Count ``more`` calls or steps, after ``calls`` calls in all, with a note every `NOTES` seconds."""
-        if self._bar is None:
+    def update(self, more: int, calls: int, storage: Storage, small: bool = False) -> None:
+        """Count ``more`` calls or steps, after ``calls`` calls in all, with a note every `NOTES` seconds.
+
+        Calls with few particles (``small``) are no part of the expected number: those before all others have a bar of
+        their own, and later ones are not counted.
+        """
+        if self._bar is None or (self._starts and not small):
+            self.close()
             unit, done = ("step", storage.chain.iteration - more) if storage.is_chain else ("call", 0)
-            self._begun = monotonic(), calls
-            self._bar = Progress("sampling", self._expected, unit, done=done, shown=self.shown, keep=True,
-                                 deadline=self._deadline)  # fmt: skip
+            what = ("start with few particles", np.inf) if small else ("sampling", self._expected)
+            self._noted = monotonic()
+            self._begun, self._starts = (self._noted, calls), small
+            self._bar = Progress(*what, unit, done=done, shown=self.shown, keep=not small,
+                                 deadline=np.inf if small else self._deadline)  # fmt: skip
         now = monotonic()
         if now - self._noted > NOTES:
             self._noted = now
             self._bar.note(", ".join(filter(None, [*self._notes(now, calls, storage.chain), self._remark])))
-        self._bar.update(more)
+        self._bar.update(more if small == self._starts else 0)
 
     def close(self) -> None:
         """End the display."""
@@ -65,7 +72,8 @@ class SamplingProgress:
         begin, before = self._begun
         if chain.iteration:
             yield f"accepted {100 * chain.acceptance:.0f} %"
-        yield f"{(calls - before) / max(now - begin, 1e-9):.1f} calls/s"
+        if not self._starts:
+            yield f"{(calls - before) / max(now - begin, 1e-9):.1f} calls/s"
         if chain.last is not None and self._mass is not None:
             radius, mass = self._mass
             low, middle, high = np.percentile([mass(point) / 1e11 for point in chain.last.coords], [16, 50, 84])

@@ -114,7 +114,7 @@ class PosteriorTarget:
                 cache.add(point, evaluation)
                 cache.write(at_once=False)
                 if not self.storage.is_chain:  # of a chain the steps are shown
-                    self.show(1)
+                    self.show(1, small)
         return [before[key] if (key := point.tobytes()) in before else cache.get(point[None])[0] for point in points]
 
     def call_factors(self, points: Mapping[str, Array]) -> None:
@@ -256,10 +256,10 @@ class PosteriorTarget:
         """Show a short text beside the progress."""
         self.display.remark(text)
 
-    def show(self, more: int) -> None:
-        """Show ``more`` calls, or steps of a chain."""
+    def show(self, more: int, small: bool = False) -> None:
+        """Show ``more`` calls, those with few particles apart, or steps of a chain."""
         made = sum(count for name, count in self._calls.calls.items() if name.startswith("full"))  # of all factors
-        self.display.update(more, made, self.storage)
+        self.display.update(more, made, self.storage, small)
 
     def counts(self) -> dict[str, Any]:
         """Return the calls, those of the search for a start, and the rejections by reason; before a resumption too."""

@@ -66,12 +66,14 @@ def test_an_estimate_may_change_and_quiet_is_quiet(clock, capsys):
 def test_a_work_of_which_nobody_knows_the_end_says_how_much_is_done(clock, capsys):
     with Progress("sampling", np.inf, "call") as bar:
         clock.value += 61
+        bar.note("3 draws")
         bar.update(500)
+        bar.note("")
         bar.expect(2000)
         clock.value += 61
         bar.update(500)
     first, second = capsys.readouterr().err.splitlines()
-    assert first.endswith("sampling: 500 calls after 61 s")
+    assert first.endswith("sampling: 500 calls after 61 s; 3 draws")
     assert second.endswith("sampling: 1000 of 2000 calls (50 %) after 2.03 min, about 2.03 min left")
 
 

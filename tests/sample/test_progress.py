@@ -1,0 +1,33 @@
+"""The progress of a sampling: calls with few particles are no part of the calls that are expected."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+
+from streamkit.report import progress as lines
+from streamkit.sample import SamplingProgress, Storage, progress
+
+
+def test_calls_with_few_particles_are_counted_apart(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One call a second: 100 of a start, then 200 of at most 8000, and between them 50 of another start."""
+    now = SimpleNamespace(value=100.0)
+    for module, name in ((lines.time, "monotonic"), (progress, "monotonic")):
+        monkeypatch.setattr(module, name, lambda: now.value)
+    display, storage, full = SamplingProgress(shown=True), Storage(), 0
+    display.expect(8000)
+    for count, small, remark in ((100, True, "644 draws"), (100, False, "round 1"), (50, True, ""), (100, False, "")):
+        for _ in range(count):
+            now.value += 1
+            full += not small
+            display.remark(remark)
+            display.update(1, full, storage, small)
+    start, *sampling = (line.partition("streamkit: ")[2] for line in capsys.readouterr().err.splitlines())
+    assert start == "start with few particles: 61 calls after 60 s; 644 draws"
+    assert sampling[0] == "sampling: 61 of 8000 calls (1 %) after 60 s, about 2.17 h left; 1.0 calls/s, round 1"
+    assert [line.partition(" calls")[0] for line in sampling] == [
+        f"sampling: {n} of 8000" for n in (61, 100, 131, 191)
+    ]
