@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from commands import call, refused
+from laid import lay
 
 from streamkit.cli.main import main
 
@@ -32,16 +33,12 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Install:
     """Lay a distribution with a command on the path as pip would."""
     monkeypatch.syspath_prepend(tmp_path)
 
-    def lay(distribution: str, name: str, module: str, body: str = COMMAND, attribute: str = "tilt") -> None:
+    def install(distribution: str, name: str, module: str, body: str = COMMAND, attribute: str = "tilt") -> None:
         (tmp_path / f"{module}.py").write_text(body)
-        info = tmp_path / f"{distribution.replace('-', '_')}-1.2.dist-info"
-        info.mkdir()
-        (info / "METADATA").write_text(
-            f"Metadata-Version: 2.1\nName: {distribution}\nVersion: 1.2\nSummary: Tilts discs.\n"
-        )
-        (info / "entry_points.txt").write_text(f"[streamkit.commands]\n{name} = {module}:{attribute}\n")
+        points = f"[streamkit.commands]\n{name} = {module}:{attribute}\n"
+        lay(tmp_path, distribution, points, metadata="Summary: Tilts discs.\n")
 
-    return lay
+    return install
 
 
 def test_the_list_names_it_and_imports_nothing(install: Install) -> None:

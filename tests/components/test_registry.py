@@ -4,6 +4,7 @@ import re
 from importlib.metadata import distributions, entry_points
 
 import pytest
+from laid import lay
 from pydantic import Field
 
 import streamkit as sk
@@ -47,16 +48,13 @@ def install(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
     builtin = [p for p in entry_points(group="streamkit") if p.name == "builtin"]
 
-    def lay(distribution, module, body, point=None):
+    def install(distribution, module, body, point=None):
         (tmp_path / f"{module}.py").write_text(body)
-        info = tmp_path / f"{distribution.replace('-', '_')}-1.2.dist-info"
-        info.mkdir()
-        (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {distribution}\nVersion: 1.2\n")
-        (info / "entry_points.txt").write_text(f"[streamkit]\n{point or module} = {module}\n")
+        lay(tmp_path, distribution, f"[streamkit]\n{point or module} = {module}\n")
         result = [p for d in distributions(path=[str(tmp_path)]) for p in d.entry_points]
         return builtin + result
 
-    return lay
+    return install
 
 
 def test_the_built_ins_are_found_through_their_entry_point():

@@ -7,6 +7,7 @@ from importlib.metadata import distributions, entry_points
 
 import numpy as np
 import pytest
+from laid import lay
 from pydantic import Field
 from runfiles import changed
 
@@ -40,19 +41,16 @@ def install(tmp_path, monkeypatch):
     """Lay a distribution on the path as pip would; return all the entry points there and the built-in one."""
     monkeypatch.syspath_prepend(tmp_path)
 
-    def lay(module, kind, points=None, stated="", metadata="", files=()):
+    def install(module, kind, points=None, stated="", metadata="", files=()):
         (tmp_path / f"{module}.py").write_text(BODY.format(kind=kind, stated=stated))
-        info = tmp_path / f"{module}-1.2.dist-info"
-        info.mkdir()
-        (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {module}\nVersion: 1.2\n{metadata}")
         lines = "".join(f"{point} = {module}\n" for point in points or [module])
-        (info / "entry_points.txt").write_text(f"[streamkit]\n{lines}")
+        info = lay(tmp_path, module, f"[streamkit]\n{lines}", metadata=metadata)
         for name, text in files:
             (info / name).write_text(text)
         builtin = [point for point in entry_points(group="streamkit") if point.name == "builtin"]
         return builtin + [point for result in distributions(path=[str(tmp_path)]) for point in result.entry_points]
 
-    return lay
+    return install
 
 
 def test_only_the_plugin_that_is_asked_for_is_imported(install):

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from commands import call, refused
+from laid import lay
 
 import streamkit
 from streamkit import distribution
@@ -81,14 +82,6 @@ def test_there_is_one_version() -> None:
     assert call("--version").stdout == f"streamkit {distribution.VERSION}\n"
 
 
-def lay(folder: Path, name: str, version: str, entry_points: str = "") -> None:
-    """Lay the metadata of a distribution into a folder, as pip does."""
-    info = folder / f"{name.replace('-', '_')}-{version}.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: {version}\n")
-    (info / "entry_points.txt").write_text(entry_points)
-
-
 OURS = "[streamkit]\nbuiltin = streamkit.builtin\n"
 FOREIGN = "[console_scripts]\nstreamkit = streamkit.cli:main\n"
 
@@ -107,7 +100,7 @@ def test_another_distribution_in_the_folder_is_recognised(
     installed: list[tuple[str, str]], whose: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for name, points in installed:
-        lay(tmp_path, name, "0.3.2", points)
+        lay(tmp_path, name, points, "0.3.2")
     monkeypatch.setattr(sys, "path", [str(tmp_path)])
     sentence = foreign_files()
     assert whose in sentence
@@ -118,8 +111,8 @@ def test_another_distribution_in_the_folder_is_recognised(
 def test_every_command_reports_a_foreign_distribution(
     arguments: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    lay(tmp_path, NAME, "0.1", OURS)
-    lay(tmp_path, "streamkit", "0.3.2", FOREIGN)
+    lay(tmp_path, NAME, OURS, "0.1")
+    lay(tmp_path, "streamkit", FOREIGN, "0.3.2")
     monkeypatch.syspath_prepend(tmp_path)
     expected = (
         "streamkit: The distribution 'streamkit' 0.3.2 is installed too, a package of another project that writes "
@@ -139,8 +132,8 @@ def test_a_module_of_another_project_ends_in_the_sentence(tmp_path: Path, monkey
     monkeypatch.delattr(streamkit, "__getattr__")
     with pytest.raises(AttributeError):  # without another distribution it is a fault of ours, and is shown
         call("check", tmp_path / "run.toml")
-    lay(tmp_path, NAME, "0.1", OURS)
-    lay(tmp_path, "streamkit", "0.3.2", FOREIGN)
+    lay(tmp_path, NAME, OURS, "0.1")
+    lay(tmp_path, "streamkit", FOREIGN, "0.3.2")
     assert refused("check", tmp_path / "run.toml").startswith("streamkit: The distribution 'streamkit' 0.3.2 is ")
 
 
@@ -148,7 +141,7 @@ def test_components_of_two_installs_are_loaded_once(tmp_path: Path, monkeypatch:
     """Runs of both names have one digest: the supplier of a built-in component is called by the package."""
     before = load_registry()
     for name in ("streamkit-of-old", "streamkit-of-late"):
-        lay(tmp_path, name, "7", OURS)
+        lay(tmp_path, name, OURS, "7")
     monkeypatch.syspath_prepend(tmp_path)
     registry = load_registry()
     assert registry.failed == before.failed

@@ -55,13 +55,7 @@ class NumpySticky(sk.Potential):
     omega: PerTime = Field(description="Frequency.")
     rate: PerTime = Field(description="Drag over velocity.")
 
-    @staticmethod
-    def acceleration(x, y, z, t, omega, rate):
-        return tuple(-(omega**2) * np.stack([x, y, z]))
-
-    @staticmethod
-    def drag(x, y, z, vx, vy, vz, t, omega, rate):
-        return tuple(-rate * np.stack([vx, vy, vz]))
+    acceleration, drag = staticmethod(Sticky.acceleration), staticmethod(Sticky.drag)
 
 
 def damped(q: Any, v: Any, t: float, rate: float = RATE) -> tuple[Any, Any]:

@@ -1,30 +1,17 @@
 """The public seam of live progenitors, used as a stranger would: the evaporation of a star cluster."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
-from pydantic import Field
 
 import streamkit as sk
-from streamkit import BlockEdge, Duration, LiveStripping, Population, Remnant, testing
+from streamkit import BlockEdge, LiveStripping, Population, Remnant, testing
 from streamkit.builtin.potentials.closed_forms import Plummer
+from streamkit.components import load_registry
 
-
-class Evaporation(LiveStripping):
-    """A cluster that loses mass at a constant rate and keeps its radius: stars leave it as its well grows shallow."""
-
-    kind = "evaporation"
-    reference = "Baumgardt & Makino 2003, MNRAS 340, 227: M falls nearly linearly until the cluster has dissolved"
-
-    lifetime: Duration = Field(default=2.0, description="Time in which all mass is lost.")
-
-    def update_remnant(self, edge, satellite, previous):
-        """Return a Plummer sphere of the mass that is left; bound is who has less energy than it takes to leave."""
-        left = satellite.mass * max(1 - (edge.t - edge.start) / (self.lifetime * sk.GYR), 1e-3)
-        d2 = ((edge.q - edge.core[:3, None]) ** 2).sum(axis=0)
-        v2 = ((edge.v - edge.core[3:6, None]) ** 2).sum(axis=0)
-        bound = 0.5 * v2 < sk.G * left / np.sqrt(d2 + satellite.scale**2)
-        return Remnant(Plummer(mass=left, radius=satellite.scale), left, bound)
-
+EXAMPLE = Path(__file__).parents[1] / "examples" / "evaporation.py"
+Evaporation = load_registry([EXAMPLE]).find("stripping", "evaporation", "stripping.kind")
 
 CLUSTER = {
     "seed": 3,
@@ -33,7 +20,7 @@ CLUSTER = {
         "kind": "plummer", "mass": 2e4, "radius": 0.012, "x": 12.0, "y": 0.0, "z": 5.0, "vx": 0.0, "vy": 180.0,
         "vz": 60.0, "lookback": 1.0,
     },
-    "stripping": {"kind": "evaporation", "particles": 500, "step": 0.001},
+    "stripping": {"kind": "evaporation", "particles": 500, "step": 0.001, "lifetime": 2.0},
 }  # fmt: skip
 
 

@@ -39,28 +39,21 @@ SUNS = [Sun(), Sun(r0=8.2, v_circ=229.0, u=10.0, v=5.0, w=7.0, z=0.0208), Sun(z=
 
 
 @pytest.mark.parametrize("sun", SUNS, ids=["paper", "above the plane", "far below"])
-def test_galactic_sky_agrees_with_astropy(sun: Sun) -> None:
-    sky = c.Galactic(
-        l=SGR["l"] * u.deg, b=SGR["b"] * u.deg, distance=SGR["distance"] * u.kpc,
-        pm_l_cosb=SGR["pm_l_cosb"] * u.mas / u.yr, pm_b=SGR["pm_b"] * u.mas / u.yr,
-        radial_velocity=SGR["v_los"] * u.km / u.s,
-    )  # fmt: skip
-    seen = sky.transform_to(astropy_frame(sun))
-    q, v = GalacticSky(**SGR, lookback=3.0).today(sun)
-    np.testing.assert_allclose(q, seen.cartesian.xyz.to_value(u.kpc), rtol=1e-10)
-    np.testing.assert_allclose(v, seen.velocity.d_xyz.to_value(u.km / u.s), rtol=1e-10)
-
-
-@pytest.mark.parametrize("sun", SUNS, ids=["paper", "above the plane", "far below"])
-def test_equatorial_sky_agrees_with_astropy(sun: Sun) -> None:
-    place = {"ra": 283.831, "dec": -30.545, "distance": 26.5, "pm_ra_cosdec": -2.692, "pm_dec": -1.359}
-    sky = c.ICRS(
-        ra=place["ra"] * u.deg, dec=place["dec"] * u.deg, distance=place["distance"] * u.kpc,
-        pm_ra_cosdec=place["pm_ra_cosdec"] * u.mas / u.yr, pm_dec=place["pm_dec"] * u.mas / u.yr,
-        radial_velocity=142.0 * u.km / u.s,
-    )  # fmt: skip
-    seen = sky.transform_to(astropy_frame(sun))
-    q, v = EquatorialSky(**place, v_los=142.0, lookback=3.0).today(sun)
+@pytest.mark.parametrize(
+    ("way", "place", "sky"),
+    [
+        (GalacticSky, SGR, c.Galactic),
+        (EquatorialSky, {"ra": 283.831, "dec": -30.545, "distance": 26.5, "pm_ra_cosdec": -2.692, "pm_dec": -1.359,
+                         "v_los": 142.0}, c.ICRS),
+    ],
+    ids=["galactic", "equatorial"],
+)  # fmt: skip
+def test_a_place_on_the_sky_agrees_with_astropy(way: Any, place: dict[str, float], sky: Any, sun: Sun) -> None:
+    units = [u.deg, u.deg, u.kpc, u.mas / u.yr, u.mas / u.yr, u.km / u.s]
+    values = {name.replace("v_los", "radial_velocity"): value for name, value in place.items()}
+    seen = sky(**{name: values[name] * unit for name, unit in zip(values, units, strict=True)})
+    seen = seen.transform_to(astropy_frame(sun))
+    q, v = way(**place, lookback=3.0).today(sun)
     np.testing.assert_allclose(q, seen.cartesian.xyz.to_value(u.kpc), rtol=1e-10)
     np.testing.assert_allclose(v, seen.velocity.d_xyz.to_value(u.km / u.s), rtol=1e-10)
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from galpy import potential as gp
+from of_galpy import galpy_acceleration
 from scipy.integrate import quad
 from scipy.special import hyp2f1
 
@@ -192,21 +193,6 @@ GALPY = {
     ),
 }
 POINTS = np.random.default_rng(11).uniform(-60.0, 60.0, (3, 30))
-
-
-def galpy_acceleration(potential, q):
-    """Cartesian acceleration of a galpy potential in units where its G is 1: amplitudes carry ours."""
-    x, y, z = q
-    radius, phi = np.hypot(x, y), np.arctan2(y, x)
-    out = []
-    for where in zip(radius, phi, z, strict=True):
-        r, f, h = map(float, where)
-        radial = gp.evaluateRforces(potential, r, h, phi=f, use_physical=False)
-        torque = gp.evaluatephitorques(potential, r, h, phi=f, use_physical=False)
-        up = gp.evaluatezforces(potential, r, h, phi=f, use_physical=False)
-        c, s = np.cos(f), np.sin(f)
-        out.append([radial * c - torque / r * s, radial * s + torque / r * c, up])
-    return np.array(out, dtype=float).T
 
 
 @pytest.mark.parametrize("name", GALPY)

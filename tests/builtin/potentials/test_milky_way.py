@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from galpy import potential as galpy_potential
 from galpy.potential import MWPotential2014
+from of_galpy import galpy_acceleration
 from scipy.integrate import quad
 from scipy.special import gammainc
 
@@ -56,19 +57,6 @@ def in_steps(slope, r, gamma):
     return sum(
         quad(lambda u: slope(np.exp(u)) * np.exp(u), a, b, epsabs=0, epsrel=1e-13)[0] for a, b in pairwise(edges)
     )
-
-
-def galpy_acceleration(potential, q, t=0.0):
-    """Cartesian acceleration of a galpy potential in units where its G is 1: amplitudes carry ours."""
-    out = []
-    for x, y, z in q.T:
-        where = {"phi": np.arctan2(y, x), "t": t, "use_physical": False}
-        r = np.hypot(x, y)
-        radial = galpy_potential.evaluateRforces(potential, r, z, **where)
-        torque = galpy_potential.evaluatephitorques(potential, r, z, **where) / r
-        up = galpy_potential.evaluatezforces(potential, r, z, **where)
-        out.append([(radial * x - torque * y) / r, (radial * y + torque * x) / r, up])
-    return np.array(out, dtype=float).T
 
 
 def gala_acceleration(potential, q, t=0.0):

@@ -9,6 +9,7 @@ import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 from commands import call, refused
 from forging import forging
@@ -71,27 +72,26 @@ def check_all_refuse(directory: Path, *words: str) -> None:
     assert files_of(directory) == before
 
 
-def test_an_edited_run_file_is_refused(directory: Path) -> None:
-    edit(directory / "run.toml", 'rs = "12', 'rs = "13')
-    check_all_refuse(directory, "run.toml: has changed since the run began", "manifest.json")
-
-
-def test_an_emptied_run_file_is_refused(directory: Path) -> None:
-    (directory / "run.toml").write_text("")
-    check_all_refuse(directory, "run.toml")
-
-
-def test_an_edited_copy_of_a_plugin_is_refused(directory: Path) -> None:
-    edit(directory / "plugins" / "distance.py", "np.array([0.0, 0.1])", "np.array([0.0, 0.2])")
-    check_all_refuse(directory, "distance.py", "has changed since the run began")
-
-
-def test_an_edited_copy_of_a_data_file_is_refused(directory: Path) -> None:
-    path = directory / "data" / "table.npy"
-    content = bytearray(path.read_bytes())
-    content[-1] ^= 1
-    path.write_bytes(content)
-    check_all_refuse(directory, "data/table.npy", "has changed since the run began")
+@pytest.mark.parametrize(
+    ("name", "old", "new", "words"),
+    [
+        ("run.toml", b'rs = "12', b'rs = "13', ("run.toml: has changed since the run began", "manifest.json")),
+        ("run.toml", None, b"", ("run.toml",)),
+        ("plugins/distance.py", b"np.array([0.0, 0.1])", b"np.array([0.0, 0.2])",
+         ("distance.py", "has changed since the run began")),
+        ("data/table.npy", np.float64(1.0).tobytes(), np.float64(1.5).tobytes(),
+         ("data/table.npy", "has changed since the run began")),
+    ],
+    ids=["run file", "emptied run file", "plugin", "data file"],
+)  # fmt: skip
+def test_an_edited_file_is_refused(
+    directory: Path, name: str, old: bytes | None, new: bytes, words: tuple[str, ...]
+) -> None:
+    content = (directory / name).read_bytes()
+    changed = content.replace(content if old is None else old, new)
+    assert changed != content
+    (directory / name).write_bytes(changed)
+    check_all_refuse(directory, *words)
 
 
 def test_the_length_of_the_chain_and_comments_may_be_edited(directory: Path) -> None:

@@ -93,16 +93,21 @@ def eight():
     return streams, [file_of(each) for each in streams]
 
 
+def is_joint(files, mean, covariance):
+    """The product of files has this mean and covariance; return its effective number of samples."""
+    found, width, effective = product(files, mean, covariance)
+    errors = np.sqrt(np.diag(covariance))
+    assert np.abs((found - mean) / errors).max() < 0.15
+    assert np.abs(width / errors - 1).max() < 0.1
+    return effective
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("count", [4, 8])
 def test_the_product_of_files_is_the_joint_posterior(eight, count):
     streams, files = (each[:count] for each in eight)
     mean, covariance = joint(streams)
-    found, width, effective = product(files, mean, covariance)
-    errors = np.sqrt(np.diag(covariance))
-    assert effective > 1000
-    assert np.abs((found - mean) / errors).max() < 0.15
-    assert np.abs(width / errors - 1).max() < 0.1
+    assert is_joint(files, mean, covariance) > 1000
 
 
 def distance(stream, streams):
@@ -123,10 +128,7 @@ def test_a_joint_host_far_from_one_stream_is_inside_its_file(eight):
     assert distance(streams[0], streams) == pytest.approx(2.8, abs=0.2)
     assert np.abs((mean - others) / np.sqrt(np.diag(covariance))).max() > 1
     assert files[0].reach > 5
-    found, width, _ = product(files, mean, covariance)
-    errors = np.sqrt(np.diag(covariance))
-    assert np.abs((found - mean) / errors).max() < 0.15
-    assert np.abs(width / errors - 1).max() < 0.1
+    is_joint(files, mean, covariance)
     beyond = files[0].centre + 1.2 * files[0].reach * np.linalg.inv(files[0].whiten)[0]
     assert not files[0].has(beyond[None])[0]
 

@@ -36,6 +36,17 @@ def observed(posterior, count):
     return np.array(points), observations, np.array(lnl)
 
 
+def compared_one_by_one(posterior):
+    """Compare three points at once, each with its own call; return the comparison."""
+    points, observations, lnl = observed(posterior, 3)
+    comparison = Comparison(posterior.model)
+    mean, variance = (np.array([getattr(each.prediction, n) for each in observations]) for n in ("mean", "variance"))
+    details = np.array([comparison.details(each) for each in observations])
+    found = comparison.ln_likelihood(points, mean, variance * posterior.data.add_noise, details)
+    np.testing.assert_allclose(found, lnl, rtol=1e-9)
+    return comparison
+
+
 LONG = ("stars beside a covariance", "several streams")  # the parts of both have examples of their own
 
 
@@ -43,13 +54,7 @@ LONG = ("stars beside a covariance", "several streams")  # the parts of both hav
 def test_many_points_at_once_are_one_after_the_other(name):
     file, values = RUNS[name]
     posterior = Posterior(sk.load(EXAMPLES / file).with_particles(400).with_values(values))
-    points, observations, lnl = observed(posterior, 3)
-    comparison = Comparison(posterior.model)
-    mean, variance = (np.array([getattr(each.prediction, n) for each in observations]) for n in ("mean", "variance"))
-    details = np.array([comparison.details(each) for each in observations])
-    assert comparison.undeclared == []
-    found = comparison.ln_likelihood(points, mean, variance * posterior.data.add_noise, details)
-    np.testing.assert_allclose(found, lnl, rtol=1e-9)
+    assert compared_one_by_one(posterior).undeclared == []
 
 
 def test_dispersions_and_outliers_are_no_coordinates_of_the_prediction():
@@ -104,12 +109,8 @@ def with_rate(kind, **fields):
 
 def test_a_likelihood_of_somebody_else_works_after_one_declaration():
     posterior = with_rate("declared_rate", scale={"uniform": [0.5, 5.0]})
-    points, observations, lnl = observed(posterior, 3)
-    comparison = Comparison(posterior.model)
-    mean, variance = (np.array([getattr(each.prediction, n) for each in observations]) for n in ("mean", "variance"))
-    details = np.array([comparison.details(each) for each in observations])
-    np.testing.assert_allclose(comparison.ln_likelihood(points, mean, variance, details), lnl, rtol=1e-9)
-    alone = [n for n, used in zip(posterior.spec.names, comparison.coordinates, strict=True) if not used]
+    coordinates = compared_one_by_one(posterior).coordinates
+    alone = [n for n, used in zip(posterior.spec.names, coordinates, strict=True) if not used]
     assert alone == ["data.rate.scale"]
 
 
