@@ -141,17 +141,6 @@ def test_an_unexpected_exception_shows_itself(run_file: Path, monkeypatch: pytes
         call("run", run_file)
 
 
-def test_an_output_directory_of_somebody_else_is_left_alone(run_file: Path) -> None:
-    directory = run_file.parent / "thesis"
-    directory.mkdir()
-    (directory / "chapter1.tex").write_text("words")
-    for option in ([], ["--resume"]):
-        message = refused("run", run_file, "-o", directory, *option)
-        assert "chapter1.tex" in message
-    assert [path.name for path in directory.iterdir()] == ["chapter1.tex"]
-    assert MANIFEST not in {path.name for path in directory.iterdir()}
-
-
 def test_a_directory_in_place_of_a_product_is_left_alone(run_file: Path) -> None:
     directory = run_file.parent / "run"
     (directory / "chain.h5").mkdir(parents=True)

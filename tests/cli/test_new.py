@@ -55,17 +55,6 @@ def test_the_section_of_a_run_file_and_the_manual_are_named(
     assert "plugins/README.md" in text
 
 
-@pytest.mark.slow
-def test_pytest_finds_its_own_test(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    call("new", "stripping", "my_first")
-    package = tmp_path / "streamkit-my-first"
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([HERE, str(package)])}
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", package]
-    done = subprocess.run(command, cwd=package, env=environment, capture_output=True, text=True)
-    assert "1 passed" in done.stdout, done.stdout + done.stderr
-
-
 def test_a_potential_takes_less_than_forty_lines(tmp_path: Path) -> None:
     call("new", "potential", "short", "-o", tmp_path / "deep" / "short")
     files = list((tmp_path / "deep" / "short").iterdir())

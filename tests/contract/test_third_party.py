@@ -66,12 +66,6 @@ def test_it_takes_less_than_forty_lines():
     assert sum(len(file.read_text().splitlines()) for file in files) < 40
 
 
-@pytest.mark.slow  # tests/contract/test_documents.py checks the same component
-def test_its_own_test_passes(place):
-    out = run(place, sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", place / "source")
-    assert "1 passed" in out
-
-
 @pytest.mark.usefixtures("beside")
 def test_it_is_listed_with_its_supplier_and_units():
     out = call("plugins", "potential", "jaffe").stdout

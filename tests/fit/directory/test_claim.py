@@ -110,12 +110,6 @@ def test_a_file_in_another_encoding_is_refused(directory: Path, name: str) -> No
     assert not plugin.with_name("executed").exists()
 
 
-def test_a_changed_copy_of_a_data_file_is_told(directory: Path) -> None:
-    (directory / "data" / "curve.csv").write_text(ROWS.replace("210", "211"))
-    message = refused("report", directory)
-    assert "data/curve.csv: has changed since the run began" in message
-
-
 def test_exchanged_copies_of_data_files_are_told(directory: Path) -> None:
     """Each file is one of the run's, and none is in its own place."""
     one, two = directory / "data" / "curve.csv", directory / "data" / "inner.csv"

@@ -108,15 +108,6 @@ def test_a_run_in_memory_has_the_same_samples(done):
     same(fit().weighted, done.weighted)
 
 
-@pytest.mark.slow  # a stopped run is resumed below
-def test_more_draws_go_on_and_are_those_of_one_long_run(done, tmp_path, monkeypatch):
-    shutil.copytree(done.directory, tmp_path / "run")
-    counted = count_calls(monkeypatch)
-    more = fit(tmp_path / "run", resume=True, draws=240)
-    assert sum(counted) == 80
-    same(more.weighted, fit(draws=240).weighted)
-
-
 def test_samples_that_a_resumed_run_does_not_reach_again_are_kept(done, tmp_path, caplog):
     """Fewer draws than before are fewer effective samples."""
     shutil.copytree(done.directory, tmp_path / "run")

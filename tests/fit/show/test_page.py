@@ -172,12 +172,6 @@ def test_published_flattenings_stand_beside_those_at_the_same_places(tmp_path):
     assert at == pytest.approx([np.hypot(12.5, 6.7), np.hypot(8.4, 16.8)])
 
 
-@pytest.mark.slow  # other results in memory have one above
-def test_results_in_memory_have_a_page():
-    results = sk.run(sk.load(FIT), steps=4, progress=False)
-    assert "Can it be believed?" in Page(page_text(results)).text
-
-
 def test_a_picture_that_cannot_be_read_is_left_out():
     assert embedded(b"") == ""
 
