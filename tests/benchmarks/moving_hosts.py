@@ -16,14 +16,13 @@ wrong in a sum of two such potentials (two halves of a halo, at rest, are not th
 from __future__ import annotations
 
 import argparse
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from reference_stream import in_numpy, renewed
+from reference_stream import in_numpy, least, renewed
 
 import streamkit as sk
 from streamkit.builtin.integrators.adaptive import Adaptive
@@ -186,18 +185,6 @@ def costs(particles: int, rounds: int) -> None:
             of = best["static", "posterior" if way == "posterior" else "compiled"]
             cells.append(f"{best[name, way]:12.3f} s {best[name, way] / of:5.2f}")
         print(f"{name:17s}" + "".join(cells))
-
-
-def least(jobs: dict[Any, Callable[[], Any]], rounds: int) -> dict[Any, float]:
-    """Least CPU seconds of each job, run in turn; the first time of all is not counted."""
-    seconds: dict[Any, list[float]] = {name: [] for name in jobs}
-    for k in range(rounds + 1):
-        for name, job in jobs.items():
-            begin = time.process_time()
-            job()
-            if k:
-                seconds[name].append(time.process_time() - begin)
-    return {name: min(values) for name, values in seconds.items()}
 
 
 def main() -> None:

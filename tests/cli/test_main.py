@@ -58,18 +58,6 @@ def test_check_shows_components_parameters_orbit_and_cost(run_file: Path) -> Non
         assert text in result.stdout, text
 
 
-def test_check_catches_the_swapped_proper_motions_of_the_paper() -> None:
-    result = call(
-        "check", EXAMPLES / "sagittarius" / "sagittarius.toml", "--draws", "0", "--set", "stripping.particles=100",
-        "--set", "progenitor.pm_l_cosb = { normal = [1.97, 0.3] }",
-        "--set", "progenitor.pm_b = { normal = ['-2.44 mas/yr', 0.3] }",
-    )  # fmt: skip
-    assert result.exit_code == 0
-    words = " ".join(result.stdout.split())
-    assert "apocentre none" in words
-    assert "Are the two proper motions swapped?" in words
-
-
 def test_stream_prints_observables_counts_and_parameters(run_file: Path) -> None:
     result = call(
         "stream", run_file, "--set", "progenitor.mass=6.4e8 Msun",
@@ -150,13 +138,6 @@ def test_plugins_lists_the_packages_with_their_contract() -> None:
     listing = call("plugins").stdout
     assert f"packages, for contract {sk.CONTRACT}\n  streamkit {sk.__version__}" in listing
     assert f"contract {sk.CONTRACT}\n" in listing
-
-
-@pytest.mark.slow  # tests/runfile has the schema itself
-def test_schema_is_json_and_covers_the_components() -> None:
-    text = call("schema").stdout
-    assert json.loads(text)["$schema"].startswith("https://json-schema.org/")
-    assert '"potential.tf"' in text
 
 
 def test_run_then_report_then_refuse_to_overwrite(fit_file: Path) -> None:

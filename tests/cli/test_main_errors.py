@@ -167,11 +167,3 @@ def test_the_chain_of_another_run_is_refused(fit_file: Path) -> None:
     for args in (["report", two], ["run", fit_file, "-o", two, "--resume", "--steps", "2"]):
         assert "two/chain.h5: is the chain of another run" in refused(*args)
     assert (two / "chain.h5").read_bytes() == strange
-
-
-@pytest.mark.parametrize("text", ["", "[]", "{}", '{"digest": 3}', '{"digest": "a", "options": []}'])
-def test_a_broken_manifest_is_refused(run_file: Path, text: str) -> None:
-    directory = run_file.parent / "run"
-    directory.mkdir()
-    (directory / MANIFEST).write_text(text)
-    assert "manifest" in refused("report", directory)

@@ -85,17 +85,6 @@ def test_kernels_are_cached_by_content(tmp_path):
     assert other != digest
 
 
-def test_a_changed_default_of_a_helper_is_compiled_anew(tmp_path):
-    """The values of defaults are part of the machine code, though not of the bytecode."""
-    file, text = tmp_path / "point.py", CONSTANT.format(scale=1.0, inline=1.0)
-    text = text.replace("def helper(r2):", "def helper(r2, scale=2.0):").replace("return SCALE", "return scale")
-    for scale in (2.0, 3.0):
-        file.write_text(text.replace("scale=2.0", f"scale={scale}"))
-        _, value, hits = probe(tmp_path)
-        assert value == pytest.approx(-scale * sk.G * 1e11 * 3.0 / 125.0, rel=1e-12)
-        assert hits == 0
-
-
 def module_of(file, text):
     """Import a file with this text."""
     file.parent.mkdir(exist_ok=True)

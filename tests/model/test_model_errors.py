@@ -15,7 +15,7 @@ PLUGIN = '''
 from typing import Any
 import numpy as np
 from pydantic import Field
-from streamkit import Array, Component, Integrator, OutOfDomain, Potential, Release, Speed, Stripping, hookimpl
+from streamkit import Array, Component, Integrator, Potential, Release, Speed, Stripping, hookimpl
 
 class Odd(Stripping):
     """Does what its field `mode` asks for."""
@@ -32,8 +32,6 @@ class Odd(Stripping):
     def release(self, orbit: Any, tail: Any, mass: float, normals: Array) -> Any:
         if self.mode == "raise":
             raise ZeroDivisionError("boom")
-        if self.mode == "domain":
-            raise OutOfDomain("no such release")
         if self.mode == "rows":
             return Release(orbit.q.T, orbit.v.T)
         if self.mode == "none":
@@ -110,14 +108,11 @@ def test_a_broken_component_is_named_by_model_and_commands(tmp_path: Path, name:
         assert "Parameters: potential.v0 = 210.0 km / s, progenitor.mass = 5196152" in message
 
 
-def test_the_exception_is_the_cause_and_out_of_domain_passes(tmp_path: Path) -> None:
+def test_the_exception_is_the_cause(tmp_path: Path) -> None:
     spec = sk.load(changed(tmp_path, "raise"))
     with pytest.raises(sk.ComponentError) as caught:
         sk.Model(spec).stream()
     assert isinstance(caught.value.__cause__, ZeroDivisionError)
-    outside: dict[str, Any] = {"stripping.mode": "domain"}
-    with pytest.raises(sk.OutOfDomain, match="no such release"):
-        sk.Model(spec.with_values(outside)).stream()
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from snapshot_files import META, write_gadget, write_table
-from snapshots import arrays_of, nbody_stream, run_file
+from snapshots import nbody_snapshot, nbody_stream, run_file
 
 from streamkit import GYR, StreamkitError
 from streamkit.nbody import as_stream, read_snapshot
@@ -116,14 +116,8 @@ def test_what_is_no_snapshot_is_refused(tmp_path: Path) -> None:
 
 
 def satellite(name: str = "B") -> Snapshot:
-    """The N-body extract, as its file tells it."""
-    data = arrays_of(f"nbody_{name}.npz")
-    return Snapshot(
-        source=f"nbody_{name}.npz",
-        q=data["x"].astype(float),
-        v=data["v"].astype(float),
-        core=data["orbit_txv"].T * np.array([[GYR], *6 * [[1.0]]]),
-    )
+    """The N-body extract with positions and velocities alone."""
+    return replace(nbody_snapshot(name), t_strip=None, winding=None, chi=None)
 
 
 @pytest.mark.parametrize("name", [pytest.param("A", marks=pytest.mark.slow), "B"])

@@ -34,21 +34,16 @@ def arrays_of(file: str) -> dict[str, np.ndarray]:
 
 def run_file(name: str, particles: int = 10000, **stripping: Any) -> Spec:
     """mLCS from the N-body's own progenitor today, at the true parameters."""
+    seed = stripping.pop("seed", 1)
+    return load(document(name, seed, {"kind": "mlcs", "particles": particles, "sigma": 10.0, **stripping}))
+
+
+def document(name: str, seed: int, stripping: dict[str, Any], **progenitor: Any) -> dict[str, Any]:
+    """A run file with the N-body's own progenitor today."""
     w = arrays_of(f"nbody_{name}.npz")["prog_xv"]
-    return load(
-        {
-            "seed": stripping.pop("seed", 1),
-            "potential": HOSTS[name],
-            "progenitor": {
-                "kind": "plummer",
-                "mass": 6.4e8,
-                "radius": 0.85,
-                **dict(zip(("x", "y", "z", "vx", "vy", "vz"), map(float, w), strict=True)),
-                "lookback": LOOKBACK[name],
-            },
-            "stripping": {"kind": "mlcs", "particles": particles, "sigma": 10.0, **stripping},
-        }
-    )
+    place = dict(zip(("x", "y", "z", "vx", "vy", "vz"), map(float, w), strict=True))
+    plummer = {"kind": "plummer", "mass": 6.4e8, "radius": 0.85, **place, "lookback": LOOKBACK[name]}
+    return {"seed": seed, "potential": HOSTS[name], "progenitor": plummer | progenitor, "stripping": stripping}
 
 
 def model_stream(name: str, particles: int = 10000, **stripping: Any) -> Stream:
@@ -56,9 +51,14 @@ def model_stream(name: str, particles: int = 10000, **stripping: Any) -> Stream:
 
 
 def nbody_stream(name: str) -> Stream:
+    return as_stream(nbody_snapshot(name), run_file(name).bind())
+
+
+def nbody_snapshot(name: str) -> Snapshot:
+    """The N-body extract, as its file tells it."""
     data = arrays_of(f"nbody_{name}.npz")
     scale = np.array([[GYR], *6 * [[1.0]]])
-    snapshot = Snapshot(
+    return Snapshot(
         source=f"nbody_{name}.npz",
         q=data["x"].astype(float),
         v=data["v"].astype(float),
@@ -67,7 +67,6 @@ def nbody_stream(name: str) -> Stream:
         chi=data["chi"] * GYR,
         core=data["orbit_txv"].T * scale,
     )
-    return as_stream(snapshot, run_file(name).bind())
 
 
 def reference_stream() -> tuple[Field, Orbit, np.ndarray, np.ndarray, np.ndarray]:

@@ -8,7 +8,6 @@ from runfiles import RUN
 import streamkit as sk
 from streamkit.builtin.potentials.halos import NFWTriaxial
 from streamkit.builtin.potentials.multipole import Multipole
-from streamkit.engine import build_field
 
 HALO = NFWTriaxial(mass=3.6e11, rs=16.0, p=0.9, q=0.85)
 
@@ -30,14 +29,9 @@ def positions(n=200):
     return direction / np.sqrt((direction**2).sum(axis=0)) * np.exp(rng.uniform(np.log(0.5), np.log(200.0), n))
 
 
-def turned_and_heavier():
-    """Return a table's host with a factor and an angle, and the halo that it is."""
-    host = Multipole(table=columns(table(l_max=8, even=True)), factor=1.5, angle=30.0)
-    return host, NFWTriaxial(mass=1.5 * 3.6e11, rs=16.0, p=0.9, q=0.85, phi=30.0)
-
-
 def test_its_potential_is_that_of_the_halo_turned_and_heavier():
-    host, turned = turned_and_heavier()
+    host = Multipole(table=columns(table(l_max=8, even=True)), factor=1.5, angle=30.0)
+    turned = NFWTriaxial(mass=1.5 * 3.6e11, rs=16.0, p=0.9, q=0.85, phi=30.0)
     q = positions()
     difference = Multipole.potential(*q, 0.0, *host.in_engine_units()) - NFWTriaxial.potential(
         *q, 0.0, *turned.in_engine_units()
@@ -45,33 +39,27 @@ def test_its_potential_is_that_of_the_halo_turned_and_heavier():
     assert np.ptp(difference) < 1e-4 * 220.0**2
 
 
-@pytest.mark.slow  # the orders of its expansion are compiled; tests/expansion has a small one
-def test_through_its_expansion_it_is_the_halo_turned_and_heavier():
-    host, turned = turned_and_heavier()
-    q = positions()
-    ours, exact = (build_field([p]).acceleration(0.0, q) for p in (host, turned))
-    assert host.expanded().grid.form == "general"
-    assert np.sqrt(((ours - exact) ** 2).sum(axis=0) / (exact**2).sum(axis=0)).max() < 3e-4
-
-
-@pytest.mark.slow
-def test_from_a_file_in_a_run(tmp_path):
-    table(l_max=4, even=True).write(tmp_path / "halo.ecsv")
+@pytest.fixture
+def run_file(tmp_path):
+    """A run file whose host is a table beside it."""
     host = '[potential]\nkind = "multipole"\ntable = "halo.ecsv"\nfactor = { uniform = [0.9, 1.1] }\n'
     path = tmp_path / "run.toml"
     path.write_text(host + RUN[RUN.index("[progenitor]") :])
-    shown = call("stream", path)
+    return path
+
+
+@pytest.mark.slow
+def test_from_a_file_in_a_run(run_file):
+    table(l_max=4, even=True).write(run_file.with_name("halo.ecsv"))
+    shown = call("stream", run_file)
     assert shown.exit_code == 0, shown.output
     assert "general expansion" in shown.stdout
 
 
-def test_a_file_without_a_pair_is_refused(tmp_path):
-    host = '[potential]\nkind = "multipole"\ntable = "halo.ecsv"\nfactor = { uniform = [0.9, 1.1] }\n'
-    path = tmp_path / "run.toml"
-    path.write_text(host + RUN[RUN.index("[progenitor]") :])
-    wrong = table(l_max=4, even=True)[:-1]
-    wrong.write(tmp_path / "halo.ecsv", overwrite=True)
-    assert "potential.table: found 599 rows; expected each of the 6 pairs of l and m once" in refused("check", path)
+def test_a_file_without_a_pair_is_refused(run_file):
+    table(l_max=4, even=True)[:-1].write(run_file.with_name("halo.ecsv"))
+    said = "potential.table: found 599 rows; expected each of the 6 pairs of l and m once"
+    assert said in refused("check", run_file)
 
 
 @pytest.mark.parametrize("name", ["l", "phi"])

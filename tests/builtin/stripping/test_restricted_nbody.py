@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from snapshots import HOSTS, LOOKBACK, arrays_of, nbody_stream
+import snapshots
+from snapshots import nbody_stream
 
 import streamkit as sk
 from streamkit.builtin.observables.apocentres.observable import Apocentres
@@ -13,20 +14,9 @@ M0, RADIUS = 6.4e8, 0.85
 
 def document(name, particles=10000, **changes):
     """A run file with the live progenitor of the N-body's orbit."""
-    core = arrays_of(f"nbody_{name}.npz")["prog_xv"]
-    return {
-        "seed": changes.pop("seed", 1),
-        "potential": HOSTS[name],
-        "progenitor": {
-            "kind": "plummer",
-            "mass": M0,
-            "radius": RADIUS,
-            **dict(zip(("x", "y", "z", "vx", "vy", "vz"), map(float, core), strict=True)),
-            "lookback": LOOKBACK[name],
-            **changes.pop("progenitor", {}),
-        },
-        "stripping": {"kind": "restricted_nbody", "particles": particles, **changes},
-    }
+    seed, progenitor = changes.pop("seed", 1), changes.pop("progenitor", {})
+    stripping = {"kind": "restricted_nbody", "particles": particles, **changes}
+    return snapshots.document(name, seed, stripping, **progenitor)
 
 
 def stream_of(name, threads=1, **changes):
