@@ -1,12 +1,13 @@
 """The emulator over factors: calls of each stream alone, against joint posteriors in closed form."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from joints import LinearFactors, factors_of
 
-from streamkit.builtin.samplers.emulator.missing import FAR, LEFT, SETTLED, before_a_test, moved_away
+from streamkit.builtin.samplers.emulator.missing import FAR, LEFT, NOISE, SETTLED, before_a_test, moved_away, new_calls
 from streamkit.builtin.samplers.emulator.rounds import Rounds
 
 pytestmark = pytest.mark.usefixtures("short_walks")
@@ -44,6 +45,23 @@ def test_two_streams_and_data_of_the_host() -> None:
     assert moved_away(first, samples) >= LEFT
     first.factor = replace(first.factor, earlier=first.calls.theta)  # a run that takes the calls of an earlier one
     assert moved_away(first, samples) < LEFT
+
+
+def shared(calls: list[int], left: list[float]) -> list[int]:
+    """Return all calls of streams after a round, where those so far leave these variances in `NOISE` squared."""
+    problem = SimpleNamespace(size=5)
+    known = [SimpleNamespace(calls=range(n), share=len(calls) * v * NOISE**2, factor=SimpleNamespace(problem=problem))
+             for n, v in zip(calls, left, strict=True)]  # fmt: skip
+    return [n + new for n, new in zip(calls, new_calls(known), strict=True)]
+
+
+def test_calls_are_shared_by_the_noise_that_they_leave() -> None:
+    """The variance that calls leave falls as 1 / calls, and the fewest calls are as its roots (Neyman 1934)."""
+    first, second = shared([1000, 1000], [0.9, 0.5])
+    assert 900 / first + 500 / second == pytest.approx(1.0, abs=0.01)
+    assert first / second == pytest.approx(np.sqrt(0.9 / 0.5), abs=0.01)
+    # The second would get 2200 more beside the 12 700 that the first needs in all; the first is doubled before that.
+    assert shared([300, 3000], [30.0, 0.5]) == [600, 3450]
 
 
 @pytest.mark.slow

@@ -51,12 +51,13 @@ def new_calls(known: Sequence[Known]) -> list[int]:
     """Return how many new calls of each factor a round makes.
 
     The variance that the noise of n_k calls of factor k leaves is V_k / n_k. Of several factors each gets the n_k that
-    bring the sum to `NOISE` squared with the fewest calls, sqrt(V_k) sum_j sqrt(V_j) / `NOISE`^2 (Neyman 1934). It gets
-    no more than it has: noise is measured where the posterior is by now.
+    bring the sum to `NOISE` squared with the fewest calls, sqrt(V_k) sum_j sqrt(V_j) / `NOISE`^2 (Neyman 1934). None
+    gets more than it has, and the others get as much less: noise is measured where the posterior is by now.
     """
     several, made = len(known) > 1, np.array([len(each.calls) for each in known])
     roots = np.sqrt([each.share / len(known) * len(each.calls) for each in known])
-    fewest = np.minimum(roots * roots.sum() / NOISE**2 - made, made) if several else np.zeros(1)
+    scale = min(roots.sum() / NOISE**2, 2 * float(np.min(made / np.maximum(roots, 1e-300))))
+    fewest = roots * scale - made if several else np.zeros(1)
     parameters = np.array([each.factor.problem.size for each in known])
     least = np.maximum(ROUND * parameters, LEAST_ROUND) * (OF_SEVERAL if several else 1)
     return [int(each) for each in np.maximum(np.maximum(least, (GROWTH * made).astype(int)), fewest)]
