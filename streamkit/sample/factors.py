@@ -13,7 +13,6 @@ from pathlib import Path
 from streamkit.components import TargetFactor
 from streamkit.runfile import DATA, Spec
 from streamkit.runfile import Factor as Parameters
-from streamkit.sample.calls.host_posterior import HostPosterior
 from streamkit.sample.calls.posterior import Posterior
 from streamkit.sample.calls.serving import Evaluates
 from streamkit.sample.calls.workers import Workers
@@ -28,8 +27,8 @@ class FactorPosterior:
     """The posterior of one factor, with all particles and with few of them; these may be the same."""
 
     parameters: Parameters
-    full: Posterior | HostPosterior
-    small: Posterior | HostPosterior
+    full: Posterior
+    small: Posterior
 
     @property
     def name(self) -> str:
@@ -69,7 +68,7 @@ def part_posteriors(spec: Spec) -> tuple[FactorPosterior, ...]:
 
 def _posterior(factor: Parameters, spec: Spec, small: Spec) -> FactorPosterior:
     if factor.name == DATA:
-        host = HostPosterior(_without_streams(spec))
+        host = Posterior(_without_streams(spec), emulated=True, streams=False)
         return FactorPosterior(factor, host, host)
     full = Posterior(spec.only(factor.name, data=False), emulated=True)
     few = small.only(factor.name, data=False)

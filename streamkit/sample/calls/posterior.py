@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -10,7 +11,7 @@ import numpy as np
 from streamkit.errors import OutOfDomain, SpecError
 from streamkit.model import Model, Observation
 from streamkit.observe import join_data
-from streamkit.runfile import Source, as_spec
+from streamkit.runfile import ModelInputs, Source, as_spec
 from streamkit.sample.calls.comparison import Comparison
 from streamkit.sample.evaluation import Evaluation
 from streamkit.stream import Array, Prediction, Stream
@@ -28,17 +29,19 @@ class Posterior:
     emulated
         Whether a sampler emulates the predictions: random numbers then differ between calls, and an evaluation has the
         details that the likelihoods read.
+    streams
+        Whether streams are made: without them, it is the posterior of the data of the host, a factor of several.
 
     Raises SpecError if the spec has no free parameter, no observable or no datum: nothing can be fitted.
     """
 
-    def __init__(self, spec: Source, emulated: bool = False) -> None:
+    def __init__(self, spec: Source, emulated: bool = False, streams: bool = True) -> None:
         self.spec = spec = as_spec(spec)
         self.model = Model(spec, fresh=emulated)
-        self._emulated = emulated
-        if not spec.names:
+        self._emulated, self._streams = emulated, streams
+        if streams and not spec.names:
             raise SpecError("no field has a prior: a fit needs at least one free parameter")
-        bound = spec.bind_all()
+        bound = self._bind()
         measured = self.model.measured(bound)
         for name, inputs in bound.streams.items():
             where = f"{spec.prefix(name)}observable"
@@ -59,7 +62,7 @@ class Posterior:
         return f"<Posterior of {self.spec.source}: {len(self.spec.names)} parameters, {self.size} data>"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Posterior, (self.spec, self._emulated)
+        return Posterior, (self.spec, self._emulated, self._streams)
 
     def __call__(self, theta: Array) -> tuple[float, float, Array, Array]:
         """Return ``(lnp, ln_likelihood, mean, variance)`` at parameters theta (d,), for emcee and other samplers."""
@@ -82,7 +85,7 @@ class Posterior:
         if ln_prior == -np.inf:
             return self.rejected(OUTSIDE)
         try:
-            bound = self.spec.bind_all(theta)
+            bound = self._bind(theta)
             observation = self.model.observe_all(bound)
         except OutOfDomain as error:
             return self.rejected(error.reason)
@@ -96,7 +99,11 @@ class Posterior:
 
     def observe(self, theta: Array) -> Observation:
         """Return the streams at theta (d,) and the predictions of their observables; OutOfDomain if there are none."""
-        return self.model.observe_all(self.spec.bind_all(theta))
+        return self.model.observe_all(self._bind(theta))
+
+    def _bind(self, theta: Array | None = None) -> ModelInputs:
+        bound = self.spec.bind_all(theta)
+        return bound if self._streams else replace(bound, streams={})
 
     def predict(self, theta: Array) -> tuple[Stream, Prediction]:
         """Return the only stream at theta (d,) and its prediction; OutOfDomain if there is none."""
