@@ -1,8 +1,10 @@
-"""The sampler on a Gaussian in closed form, and on a stream of 3 ms: resumed, stopped, with its products."""
+"""The sampler on a Gaussian in closed form, and on a stream of 3 ms: resumed, killed, stopped, with its products."""
 
+import multiprocessing
 import re
 import threading
 import time
+import warnings
 
 import numpy as np
 import pytest
@@ -72,6 +74,22 @@ def test_a_run_that_fails_on_the_way_goes_on_as_if_it_had_not(whole, tmp_path, m
             fit(tmp_path / "run")
     assert "Traceback" not in "".join(capsys.readouterr())  # dynesty's own
     same(fit(tmp_path / "run", resume=True), whole)
+
+
+@pytest.mark.slow
+def test_a_killed_run_goes_on_as_if_it_had_not(whole, tmp_path):
+    out = tmp_path / "run"
+    process = multiprocessing.get_context("fork").Process(target=fit, args=(out,))
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".*fork", category=DeprecationWarning)  # this process has threads
+        process.start()
+    until = time.monotonic() + 120
+    while not (out / "calls.journal").exists() and process.is_alive() and time.monotonic() < until:
+        time.sleep(0.02)
+    process.kill()
+    process.join()
+    assert (out / "calls.journal").exists()
+    same(fit(out, resume=True), whole)
 
 
 @pytest.mark.slow

@@ -103,6 +103,16 @@ def test_a_run_killed_many_times_is_the_run_that_was_not(tmp_path, whole, steps,
     assert [file.name for file in tmp_path.iterdir()] == ["chain.h5"]
 
 
+@SLOW
+@pytest.mark.timeout(7200)
+@pytest.mark.parametrize("seed", range(10))
+def test_many_more_kills(tmp_path, whole, steps, monkeypatch, seed):
+    monkeypatch.setattr(chain_file, "TAIL", int(2 ** (seed % 5)))
+    kill_again_and_again(tmp_path / "chain.h5", steps, 100, 100 + seed)
+    go_on(tmp_path / "chain.h5", steps)
+    same(read_chain_file(tmp_path / "chain.h5"), whole)
+
+
 @pytest.mark.parametrize("call", [pytest.param("fsync", marks=SLOW), "replace"])
 def test_a_death_at_any_call_to_the_system_costs_nothing(tmp_path, whole, steps, monkeypatch, call):
     """The process dies at every such call of a stretch of the run, once each."""

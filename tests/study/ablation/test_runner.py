@@ -12,15 +12,16 @@ from astropy import units as u
 from astropy.table import QTable, Table
 from click.testing import Result
 from commands import call, refused
+from matplotlib.figure import Figure
 from runfiles import FIT, RUN
-from snapshot_files import write_table
+from snapshot_files import write_gadget, write_table
 from snapshots import arrays_of
 
 import streamkit as sk
 from streamkit.cli.ablate import read_variations
 from streamkit.study.ablation import PRODUCTS, read_reference, run_ablation, variants_of
 from streamkit.study.ablation.paper import paper_columns
-from streamkit.study.ablation.products import SKY
+from streamkit.study.ablation.products import PICTURES, SKY
 from streamkit.study.ablation.runner import make_stream
 from streamkit.study.ablation.tables import describe_ablation
 
@@ -157,6 +158,19 @@ def test_long_labels_become_numbers_with_a_list(run_file: Path, tmp_path: Path) 
     assert all(len(line) <= 100 for line in lines)
 
 
+@pytest.mark.slow  # those of the other studies have fast tests
+def test_workers_do_not_change_the_numbers(run_file: Path, tmp_path: Path, made: tuple[Path, Result]) -> None:
+    result = call("ablate", run_file, GRAVITY, *HERE, "--seeds=2", "--workers=2", "-o", tmp_path / "out", "-q")
+    assert result.exit_code == 0, result.output
+    assert result.stdout == ""
+    tables = [QTable.read(out / "ablation.ecsv") for out in (made[0], tmp_path / "out")]
+    assert tables[0].colnames == tables[1].colnames
+    for name in tables[0].colnames:
+        if not name.startswith("cpu"):
+            one, two = (np.asarray(table[name]) for table in tables)
+            assert np.array_equal(one, two, equal_nan=one.dtype.kind == "f"), name
+
+
 def test_a_variant_without_a_stream_has_its_reason_and_the_others_their_results(run_file: Path, tmp_path: Path) -> None:
     """On a line through the Galactic centre there is no orbital plane; 0.02 Gyr leave no one unbound."""
     line = ("--set=progenitor.y=0", "--set=progenitor.z=0", "--set=progenitor.vy=0")
@@ -282,6 +296,56 @@ def test_a_snapshot_of_another_satellite_is_refused(run_file: Path, tmp_path: Pa
     path = nbody(tmp_path / "b.npz")
     message = refused("ablate", run_file, GRAVITY, *HERE, "--set=progenitor.x=-19", "--reference", path)
     assert "put into [progenitor]: x = 19.1555" in message
+
+
+def with_crossings(path: Path, particles: int) -> Path:
+    """The first particles of the extract of mock 1 in the Gadget layout, with crossings of the tidal radius."""
+    data = arrays_of("nbody_B.npz")
+    today = -data["orbit_txv"][0, 0]
+    columns = {name: np.asarray(data[name], float)[..., :particles] for name in ("x", "v", "t_strip", "winding")}
+    stripped = np.where(np.isnan(columns["t_strip"]), -1.0, (columns["t_strip"] + today) * sk.GYR)
+    crossing = np.random.default_rng(1).normal(0, 10, (particles, 3))
+    units = {"UnitLength_in_cm": 3.0856775814913673e21, "UnitVelocity_in_cm_per_s": 1e5}
+    orbit = data["orbit_txv"]
+    return write_gadget(
+        path,
+        Header={"Time": today * sk.GYR, "NumFilesPerSnapshot": 1},
+        Units=units,
+        PartType1={
+            "Coordinates": columns["x"].T, "Velocities": columns["v"].T, "StrippingTime": stripped,
+            "Winding": np.radians(columns["winding"]), "StrippingOffset": crossing / 10, "StrippingVelocity": crossing,
+        },
+        Progenitor={
+            "Times": (orbit[:, 0] + today) * sk.GYR, "Coordinates": orbit[:, 1:4], "Velocities": orbit[:, 4:]
+        },
+    )  # fmt: skip
+
+
+@pytest.mark.slow  # test_figures.py draws such a snapshot
+def test_a_snapshot_with_its_crossings_costs_no_picture(run_file: Path, tmp_path: Path) -> None:
+    """The variants have 600 particles, the snapshot 500."""
+    snapshot = with_crossings(tmp_path / "b.hdf5", 500)
+    out = tmp_path / "out"
+    result = call("ablate", run_file, GRAVITY, *HERE, "--reference", snapshot, "-o", out)
+    assert result.exit_code == 0, result.output
+    assert result.stderr == ""
+    assert sorted(path.name for path in out.iterdir()) == sorted(set(PRODUCTS) - {SKY})
+
+
+@pytest.mark.slow  # tests/fit/test_products.py has one that fails
+def test_a_picture_that_fails_is_named_and_the_others_are_there(
+    run_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(_: object) -> Figure:
+        raise ValueError("shapes (3,500) and (3,3000)")
+
+    monkeypatch.setitem(PICTURES, "phase_space.png", broken)
+    result = call("ablate", run_file, GRAVITY, *HERE, "-o", tmp_path / "out", "-q")
+    assert result.exit_code == 0, result.output
+    said = "streamkit: not drawn: phase_space.png (ValueError: shapes (3,500) and (3,3000)); everything else is written"
+    assert result.stderr.strip() == said
+    there = {path.name for path in (tmp_path / "out").iterdir()}
+    assert set(PRODUCTS) - there == {"phase_space.png", SKY}
 
 
 LIVE = {
