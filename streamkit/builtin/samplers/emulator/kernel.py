@@ -129,9 +129,9 @@ def learn_kernel(
 ) -> Kernel:
     """Learn lengths, amplitude and noise from targets (n, m), in errors of the data, at x (n, c) with weights (n,).
 
-    They maximise the marginal likelihood of what a linear fit leaves over at some of the points, from a logarithm of
-    the amplitude to ``begin`` at. Where points are few, it may have a maximum without noise, at short lengths:
-    ``least_noise``, in squared errors, is what is known of it.
+    They maximise the marginal likelihood of the residuals of a linear fit at some of the points; ``begin`` is the
+    logarithm of the first amplitude that is tried. Where points are few, the marginal likelihood may have a maximum
+    without noise, at short lengths: ``least_noise``, in squared errors, is the least noise that there surely is.
     """
     c = x.shape[1]
     chosen = _some(weight, LEARNED_FROM, rng)

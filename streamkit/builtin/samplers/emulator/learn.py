@@ -11,7 +11,7 @@ from scipy.special import expit
 
 from streamkit import Array, BoolArray, IntArray
 from streamkit.builtin.samplers.emulator.emulator import SILENCE, Emulator
-from streamkit.builtin.samplers.emulator.kernel import BEGINS, Kernel, learn_kernel
+from streamkit.builtin.samplers.emulator.kernel import BEGINS, LEARNED_FROM, Kernel, learn_kernel
 from streamkit.builtin.samplers.emulator.pairs import ENOUGH as ENOUGH_PAIRS
 from streamkit.builtin.samplers.emulator.pairs import pairs_of
 from streamkit.builtin.samplers.emulator.polynomial import LowRank, Polynomial, Regression, regress
@@ -234,7 +234,7 @@ def _best_regression(points: _Points) -> tuple[Polynomial | Kernel, Regression] 
         counted, rng = points.weight >= LEAST_WEIGHT, np.random.default_rng(len(points.x))
         x, target, weight = points.x[counted], points.target[counted], points.weight[counted]
         try:
-            for begin in BEGINS:
+            for begin in BEGINS if len(x) > LEARNED_FROM else dict.fromkeys(BEGINS):  # all points are one draw
                 kernel = learn_kernel(x, target, weight, rng, SURELY * noisy / m, begin)
                 fit = regress(kernel.terms(points.x), points.target, points.weight, kernel.penalty)
                 fits.append((_left_over(points, fit), kernel, fit))
