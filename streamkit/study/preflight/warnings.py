@@ -29,6 +29,7 @@ FEWEST_PARTICLES = 100  # with fewer particles the remedy for rare streams is mo
 SLOW_HOST, SPEED_LIMIT = 10.0, 2000.0
 PULLS = 1e-3  # mass of a body that moves its host, in units of the host's mass within `WITHIN` kpc
 WITHIN = 30.0
+LIFT = "uniform_acceleration"  # kind of the part that is the acceleration of the frame
 OFF_CENTRE = 0.1  # distance of a galaxy's centre from the origin, in units of the progenitor's distance from it
 DISSOLVED = 0.01  # share of a progenitor's mass, bound today, below which it has dissolved
 FEW = 300.0  # smallest effective number of particles of a live progenitor, by their weights
@@ -189,29 +190,36 @@ def origin_warnings(spec: Spec, inputs: StreamInputs) -> list[str]:
 
 
 def moved_twice_warnings(spec: Spec, bound: ModelInputs) -> list[str]:
-    """Return a warning where the host moves along a path of its own, and by the pull of a body or a progenitor too.
+    """Return a warning where the host's own motion is given, and a body or a progenitor pulls the host too.
 
-    ``bound`` is the run file at the prior's centre. A path without acceleration moves nothing twice, see `HostCentre`.
+    Its motion is a path or a uniform acceleration. ``bound`` is the run file at the prior's centre. A path without
+    acceleration moves nothing twice, see `HostCentre`.
     """
     sections, centre = spec.sections, spec.sections.host_centre
-    if centre is None or centre.force is None:
-        return []
-    least = PULLS * float(Host(bound.potentials).mass_inside(np.array([WITHIN]))[0])
+    given = []
+    if centre is not None and centre.force is not None:
+        given += [
+            f"{section.path}.centre"
+            for section in sections.potentials.values()
+            if section.centre.centre is not None
+            and not len(section.centre.motion().centre)  # seen from the host's centre, it is at rest
+        ]
+    for name, section in sections.potentials.items():
+        part = bound.potentials[name]
+        if part.kind == LIFT and (section.priors or part.changes() or any(part.in_engine_units())):
+            given.append(section.path)
+    least = PULLS * float(Host(bound.potentials).mass_inside(np.array([WITHIN]))[0]) if given else 0.0
     bodies = (name.partition(",")[0] for name, body in bound.bodies.items() if body.reflex and body.mass > least)
     moving = [sections.bodies[name][0].path for name in dict.fromkeys(bodies)]
     streams = bound.streams.items()
     moving += [sections.streams[name].phase.path for name, each in streams if each.reflex and each.mass > least]
-    if not moving:
+    if not given or not moving:
         return []
-    paths = [
-        f"{path}.centre"
-        for path, part in ((section.path, section.centre) for section in sections.potentials.values())
-        if part.centre is not None and not len(part.motion().centre)  # seen from the host's centre, it is at rest
-    ]
     return [
-        f"The host is moved along a path ({' and '.join(paths)}), and by the pull of {' and '.join(moving)} too. If "
-        "the path is that of a simulation with the same body, the pull on the host counts twice: leave out the path, "
-        f"or set {' and '.join(f'{path}.reflex' for path in moving)} = false."
+        f"The motion of the host is given ({' and '.join(given)}), and the host is moved by the pull of "
+        f"{' and '.join(moving)} too. If its motion is that of a simulation with the same body, the pull on the host "
+        f"counts twice: leave out {' and '.join(given)}, or set "
+        f"{' and '.join(f'{path}.reflex' for path in moving)} = false."
     ]
 
 

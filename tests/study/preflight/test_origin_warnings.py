@@ -72,7 +72,7 @@ def test_the_lighter_galaxy_has_a_warning() -> None:
 
 
 LMC = {"kind": "hernquist", "mass": 1.5e11, "a": 20.0, "x": -1, "y": -41, "z": -27, "vx": -57, "vy": -226, "vz": 221}
-TWICE = "The host is moved along a path"
+TWICE = "The motion of the host is given"
 
 
 @pytest.mark.parametrize(
@@ -96,5 +96,27 @@ def test_a_host_that_a_path_and_a_body_move_has_a_warning(more: dict[str, Any], 
         texts = [text for text in run_preflight(sk.load(document), draws=0).warnings if TWICE in text]
         assert len(texts) == (swing > 0 and len(moving) > 0)
         for text in texts:
-            assert f"(potential.halo.centre), and by the pull of {moving[0]} too" in text
+            assert f"given (potential.halo.centre), and the host is moved by the pull of {moving[0]} too" in text
             assert f"set {moving[0]}.reflex = false" in text
+
+
+@pytest.mark.parametrize(
+    ("given", "reflex", "warned"),
+    [
+        ({"az": -50.0}, True, True),
+        ({"az": {"times": [-3, 0], "values": [-50.0, 0.0]}}, True, True),  # nothing today
+        ({"az": {"normal": [0.0, 50.0]}}, True, True),  # nothing at the centre of the prior
+        ({"az": 0.0}, True, False),
+        ({"az": -50.0}, False, False),
+    ],
+    ids=["constant", "in time", "free", "none", "no reflex"],
+)
+def test_a_host_that_a_uniform_acceleration_and_a_body_move_has_a_warning(
+    given: dict[str, Any], reflex: bool, warned: bool
+) -> None:
+    document = run_file(0.0, bulge=False) | {"body": {"lmc": LMC | {"reflex": reflex}}}
+    document["potential"]["frame"] = {"kind": "uniform_acceleration", **given}
+    texts = [text for text in run_preflight(sk.load(document), draws=0).warnings if TWICE in text]
+    assert len(texts) == warned
+    for text in texts:
+        assert "leave out potential.frame, or set body.lmc.reflex = false" in text
