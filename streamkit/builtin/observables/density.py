@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from pydantic import Field
 from scipy.special import betainc, betaincc, gammainc, gammaincc, gammaln, ndtri, xlogy
 
 import streamkit as sk
-from streamkit.builtin.observables.track.lines import ENOUGH, debris_of, is_enough, kernels, too_few, warning_of_gaps
-from streamkit.builtin.observables.track.panels import datum_panel, fine_grid, longitude_label
+from streamkit.builtin.observables.track.along import Arm, Longitudes, datum_panel, gaps_along
+from streamkit.builtin.observables.track.lines import ENOUGH, debris_of, is_enough, kernels, too_few
+from streamkit.builtin.observables.track.panels import longitude_label
 
 STIFFEST = 1e9  # shape of a gamma distribution beyond which it is treated as a constant
 LEAST = 1e-150  # smallest number with a logarithm, or in a denominator
@@ -38,10 +39,7 @@ class Density(sk.Observable):
         "amplitude": 20.0,
     }
 
-    frame: sk.Frame = Field(
-        description='Frame of phi1: a name such as "GD1Koposov10", { pole = [ra, dec], origin = [ra, dec] } in '
-        "degrees, or the three rows of a matrix from ICRS."
-    )
+    frame: Longitudes
     counts: Annotated[
         sk.Table,
         sk.Columns(phi1="deg", count="")
@@ -61,7 +59,7 @@ class Density(sk.Observable):
         description="Standard deviation of the kernel in phi1. Half a bin or less blurs the model no more than the "
         "bins blur the data; a wider kernel is smoother.",
     )
-    arm: Literal["leading", "trailing", "both"] = Field(default="both", description="Which debris is compared.")
+    arm: Arm = "both"
 
     def sky_frame(self) -> sk.Frame:
         """Return the frame of phi1."""
@@ -145,29 +143,21 @@ class Density(sk.Observable):
     def panels(self, stream: sk.Stream, prediction: sk.Prediction) -> tuple[sk.Panel, ...]:
         """Return a picture of the counts and of the model, with the residuals."""
         phi1 = self.counts["phi1"]
-        count, error = self.data()
-        pull, line = None, None
-        if not prediction.why_not:
-            scatter = error if self.gaussian else np.sqrt(np.maximum(prediction.mean, LEAST))
-            pull = (count - prediction.mean) / scatter
-            grid = fine_grid(phi1)
+        data, order = (phi1, *self.data()), np.argsort(phi1)
+        scatter = data[2] if self.gaussian else np.sqrt(np.maximum(prediction.mean, LEAST))
+
+        def model(at: sk.Array) -> sk.Array:
             norm = len(phi1) / (self._under(stream, phi1).sum() + ENOUGH)
-            order = np.argsort(phi1)
-            efficiency = np.interp(grid, phi1[order], self.efficiency[order])
-            shape = norm * self._under(stream, grid).sum(axis=1)
-            line = grid, efficiency * (self.amplitude * shape + self.background)
-        labels = longitude_label(self.frame, False), "stars in a bin"
-        return (datum_panel(labels, stream.seen(self.frame).lon, phi1, (count, error), pull, line),)
+            efficiency = np.interp(at, phi1[order], self.efficiency[order])
+            shape = norm * self._under(stream, at).sum(axis=1)
+            return np.asarray(efficiency * (self.amplitude * shape + self.background))
+
+        labels, places = (longitude_label(self.frame, False), "stars in a bin"), stream.seen(self.frame).lon
+        return (datum_panel(labels, places, data, prediction, model, scatter=scatter),)
 
     def remarks(self, prediction: sk.Prediction) -> tuple[str, ...]:
         """Warn of bins where the stream has no debris."""
-        if prediction.why_not:
-            return ()
-        empty = self.counts["phi1"][prediction.details["particles"] < ENOUGH]
-        if len(empty) == 0:
-            return ()
-        subject = f"density: {len(empty)} of {len(prediction.mean)} bins"
-        return (warning_of_gaps(subject, empty, self.kernel),)
+        return gaps_along("density: {} of {} bins", self.counts["phi1"], prediction, self.kernel)
 
 
 def ln_counts(count: sk.Array, mean: sk.Array, noise: sk.Array) -> sk.Array:

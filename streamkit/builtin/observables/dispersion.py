@@ -2,26 +2,25 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from pydantic import Field
 
 import streamkit as sk
+from streamkit.builtin.observables.track.along import Arm, Kernel, Longitudes, datum_panel, gaps_along
 from streamkit.builtin.observables.track.columns import middle_of, within
 from streamkit.builtin.observables.track.lines import (
+    ENOUGH,
     Lines,
     beyond_seam,
     debris_of,
     gather,
     is_enough,
-    is_gap,
-    ln_coverage,
     local_lines,
     too_few,
-    warning_of_gaps,
 )
-from streamkit.builtin.observables.track.panels import datum_panel, fine_grid, longitude_label
+from streamkit.builtin.observables.track.panels import longitude_label
 
 
 class Dispersion(sk.Observable):
@@ -41,21 +40,13 @@ class Dispersion(sk.Observable):
         "kernel": 5.0,
     }
 
-    frame: sk.Frame = Field(
-        description='Frame of phi1: a name such as "GD1Koposov10", { pole = [ra, dec], origin = [ra, dec] } in '
-        "degrees, or the three rows of a matrix from ICRS."
-    )
+    frame: Longitudes
     table: Annotated[
         sk.Table,
         sk.Columns(phi1="deg", dispersion="km/s", error="km/s").between("dispersion", 0, np.inf).positive("error"),
     ] = Field(description="Dispersion of the radial velocities of the stars about each longitude, and its error.")
-    kernel: sk.Angle = Field(
-        default=2.0,
-        gt=0,
-        le=45,
-        description="Standard deviation of the kernel in phi1: half a bin of the data or less.",
-    )
-    arm: Literal["leading", "trailing", "both"] = Field(default="both", description="Which debris is compared.")
+    kernel: Kernel = 2.0
+    arm: Arm = "both"
 
     def sky_frame(self) -> sk.Frame:
         """Return the frame of phi1."""
@@ -92,18 +83,11 @@ class Dispersion(sk.Observable):
 
     def panels(self, stream: sk.Stream, prediction: sk.Prediction) -> tuple[sk.Panel, ...]:
         """Return a picture of the dispersions and of the model, with the residuals."""
-        phi1, (value, error) = self.table["phi1"], self.data()
-        pull, line = None, None
-        if not prediction.why_not:
-            pull, grid = (value - prediction.mean) / error, fine_grid(phi1)
-            line = grid, self._lines(stream, grid).spread[0]
         labels = longitude_label(self.frame, False), r"dispersion of $v_r$ [km s$^{-1}$]"
-        return (datum_panel(labels, stream.seen(self.frame).lon, phi1, (value, error), pull, line),)
+        places, data = stream.seen(self.frame).lon, (self.table["phi1"], *self.data())
+        return (datum_panel(labels, places, data, prediction, lambda at: self._lines(stream, at).spread[0]),)
 
     def remarks(self, prediction: sk.Prediction) -> tuple[str, ...]:
         """Warn of data where the stream has no debris."""
-        if prediction.why_not:
-            return ()
-        empty = self.table["phi1"][is_gap(ln_coverage(prediction.details["ln_count"]))]
-        subject = f"dispersion: {len(empty)} of {len(prediction.mean)} data"
-        return (warning_of_gaps(subject, empty, self.kernel),) if len(empty) else ()
+        subject, phi1 = "dispersion: {} of {} data", self.table["phi1"]
+        return gaps_along(subject, phi1, prediction, self.kernel, "ln_count", np.log(ENOUGH))

@@ -8,9 +8,9 @@ import numpy as np
 from pydantic import Field
 
 import streamkit as sk
+from streamkit.builtin.observables.track.along import FRAME, Arm, Kernel, datum_panel, gaps_along
 from streamkit.builtin.observables.track.columns import middle_of, within
 from streamkit.builtin.observables.track.lines import (
-    ENOUGH,
     beyond_seam,
     debris_of,
     gather,
@@ -18,9 +18,8 @@ from streamkit.builtin.observables.track.lines import (
     kernels,
     lines_at,
     too_few,
-    warning_of_gaps,
 )
-from streamkit.builtin.observables.track.panels import datum_panel, fine_grid, longitude_label
+from streamkit.builtin.observables.track.panels import longitude_label
 
 PASSES = 3  # fits of the track; each leaves out the particles that the one before found beside it
 
@@ -41,10 +40,7 @@ class OffTrack(sk.Observable):
         "kernel": 5.0,
     }
 
-    frame: sk.Frame = Field(
-        description='Frame of phi1 and phi2: a name such as "GD1Koposov10", { pole = [ra, dec], origin = [ra, dec] } '
-        "in degrees, or the three rows of a matrix from ICRS."
-    )
+    frame: sk.Frame = Field(description=FRAME.format("phi1 and phi2"))
     table: Annotated[sk.Table, sk.Columns(phi1="deg", share="", error="").between("share", 0, 1).positive("error")] = (
         Field(description="Share of the stream's stars about each longitude that lie beside the track, and its error.")
     )
@@ -52,13 +48,8 @@ class OffTrack(sk.Observable):
     side: Literal["above", "below", "both"] = Field(
         default="both", description="Whether stars above the track count (larger phi2), below it, or both."
     )
-    kernel: sk.Angle = Field(
-        default=2.0,
-        gt=0,
-        le=45,
-        description="Standard deviation of the kernel in phi1: half a bin of the data or less.",
-    )
-    arm: Literal["leading", "trailing", "both"] = Field(default="both", description="Which debris is compared.")
+    kernel: Kernel = 2.0
+    arm: Arm = "both"
 
     def sky_frame(self) -> sk.Frame:
         """Return the frame of phi1."""
@@ -113,18 +104,10 @@ class OffTrack(sk.Observable):
 
     def panels(self, stream: sk.Stream, prediction: sk.Prediction) -> tuple[sk.Panel, ...]:
         """Return a picture of the shares and of the model, with the residuals."""
-        phi1, (value, error) = self.table["phi1"], self.data()
-        pull, line = None, None
-        if not prediction.why_not:
-            pull, grid = (value - prediction.mean) / error, fine_grid(phi1)
-            line = grid, self._shares(stream, grid)[0]
-        labels = longitude_label(self.frame, False), "share off the track"
-        return (datum_panel(labels, stream.seen(self.frame).lon, phi1, (value, error), pull, line),)
+        labels, places = (longitude_label(self.frame, False), "share off the track"), stream.seen(self.frame).lon
+        data = self.table["phi1"], *self.data()
+        return (datum_panel(labels, places, data, prediction, lambda at: self._shares(stream, at)[0]),)
 
     def remarks(self, prediction: sk.Prediction) -> tuple[str, ...]:
         """Warn of data where the stream has no debris."""
-        if prediction.why_not:
-            return ()
-        empty = self.table["phi1"][prediction.details["particles"] < ENOUGH]
-        subject = f"off_track: {len(empty)} of {len(prediction.mean)} data"
-        return (warning_of_gaps(subject, empty, self.kernel),) if len(empty) else ()
+        return gaps_along("off_track: {} of {} data", self.table["phi1"], prediction, self.kernel)

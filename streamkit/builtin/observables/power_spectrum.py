@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from pydantic import Field, model_validator
 
 import streamkit as sk
+from streamkit.builtin.observables.track.along import Arm, Longitudes, datum_panel
 from streamkit.builtin.observables.track.columns import within
 from streamkit.builtin.observables.track.lines import debris_of
-from streamkit.builtin.observables.track.panels import datum_panel
 
 LEAST = 0.1  # smallest smooth density, in units of its mean
 FEWEST = 30  # fewest particles whose density has a power spectrum
@@ -34,10 +34,7 @@ class PowerSpectrum(sk.Observable):
         "high": 40.0,
     }
 
-    frame: sk.Frame = Field(
-        description='Frame of phi1: a name such as "GD1Koposov10", { pole = [ra, dec], origin = [ra, dec] } in '
-        "degrees, or the three rows of a matrix from ICRS."
-    )
+    frame: Longitudes
     table: Annotated[
         sk.Table,
         sk.Columns(wavelength="deg", power="deg", error="deg").positive("wavelength", "error"),
@@ -48,7 +45,7 @@ class PowerSpectrum(sk.Observable):
     shot_noise: Annotated[sk.Number, Field(ge=0)] = Field(
         default=0.0, description="Shot noise in degrees that the data have: 2 L / (number of stars); 0 if subtracted."
     )
-    arm: Literal["leading", "trailing", "both"] = Field(default="both", description="Which debris is compared.")
+    arm: Arm = "both"
 
     @model_validator(mode="after")
     def _in_order(self) -> PowerSpectrum:
@@ -115,14 +112,14 @@ class PowerSpectrum(sk.Observable):
 
     def panels(self, stream: sk.Stream, prediction: sk.Prediction) -> tuple[sk.Panel, ...]:
         """Return a picture of the powers against the wavelengths and of the model, with the residuals."""
-        wavelength, (value, error) = self.table["wavelength"], self.data()
-        pull, line = None, None
-        if not prediction.why_not:
-            pull = (value - prediction.mean) / error
-            grid = np.unique(np.concatenate([np.geomspace(wavelength.min(), wavelength.max(), DRAWN), wavelength]))
-            line = grid, self._power(*self._inside(stream), grid)[0] + self.shot_noise
+        wavelength = self.table["wavelength"]
+        grid = np.unique(np.concatenate([np.geomspace(wavelength.min(), wavelength.max(), DRAWN), wavelength]))
         labels, nowhere = ("wavelength [deg]", "power [deg]"), np.full(len(stream), np.nan)
-        return (datum_panel(labels, nowhere, wavelength, (value, error), pull, line),)
+
+        def model(at: sk.Array) -> sk.Array:
+            return self._power(*self._inside(stream), at)[0] + self.shot_noise
+
+        return (datum_panel(labels, nowhere, (wavelength, *self.data()), prediction, model, grid),)
 
     def remarks(self, prediction: sk.Prediction) -> tuple[str, ...]:
         """Warn of a stream that does not fill the longitudes."""

@@ -15,6 +15,7 @@ from streamkit.builtin.observables.stars.field import with_field
 from streamkit.builtin.observables.stars.mixture import ln_likelihood, membership, residuals
 from streamkit.builtin.observables.stars.model import Model, Part, Settings
 from streamkit.builtin.observables.stars.rough_track import RoughTrack, rough_track_of
+from streamkit.builtin.observables.track.along import FRAME, Arm
 from streamkit.builtin.observables.track.columns import COLUMNS, LIMITS, Name, within
 from streamkit.builtin.observables.track.lines import (
     Lines,
@@ -66,10 +67,7 @@ class Stars(sk.Observable):
         "knots": 6,
     }
 
-    frame: sk.Frame = Field(
-        description='Frame of phi1, phi2: a name such as "GD1Koposov10", { pole = [ra, dec], origin = [ra, dec] } in '
-        "degrees, or the three rows of a matrix from ICRS."
-    )
+    frame: sk.Frame = Field(description=FRAME.format("phi1, phi2"))
     stars: Annotated[sk.Table, STARS] = Field(
         description="The stars in ICRS: ra, dec, and the known ones of distance, distance_modulus, pm_ra_cosdec, "
         "pm_dec and radial_velocity, each with NAME_error; pm_correlation is that of the errors of the proper motions. "
@@ -101,7 +99,7 @@ class Stars(sk.Observable):
         default=20, ge=grid.FEWEST, le=grid.MOST, description="Number of longitudes at which the stream is predicted."
     )
     kernel: sk.Angle = Field(default=2.0, gt=0, le=45, description="Standard deviation of the kernel in phi1.")
-    arm: Literal["leading", "trailing", "both"] = Field(default="both", description="Which debris is compared.")
+    arm: Arm = "both"
     phi2_dispersion: sk.Angle = Field(default=0.0, ge=0, description="Extra dispersion of phi2 in the stream.")
     distance_dispersion: sk.Coordinate = Field(default=0.0, ge=0, description="Extra dispersion of the distance.")
     distance_modulus_dispersion: sk.Number = Field(default=0.0, ge=0, description="Extra dispersion of the modulus.")

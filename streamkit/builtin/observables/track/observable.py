@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 import streamkit as sk
+from streamkit.builtin.observables.track.along import FRAME, Arm
 from streamkit.builtin.observables.track.columns import (
     ALIKE,
     COLUMNS,
@@ -72,10 +73,7 @@ class Track(sk.Observable):
         "radial_velocity": {"phi1": [-10.0], "radial_velocity": [10.0], "error": [2.0]},
     }
 
-    frame: sk.Frame = Field(
-        description='Frame of phi1, phi2: a name such as "GD1Koposov10", { pole = [ra, dec], origin = [ra, dec] } in '
-        "degrees, or the three rows of a matrix from ICRS."
-    )
+    frame: sk.Frame = Field(description=FRAME.format("phi1, phi2"))
     phi2: Annotated[sk.Table, one_column(phi2="deg").between("phi2", -90, 90)] | None = Field(
         default=None, description="Latitudes."
     )
@@ -129,7 +127,7 @@ class Track(sk.Observable):
         description="Whether phi1 continues beyond whole turns along the stream, from the progenitor in (-180, 180]. "
         "The wraps of a long stream are then distinguished by the angle that their debris has swept.",
     )
-    arm: Literal["leading", "trailing", "both"] = Field(default="both", description="Which debris is compared.")
+    arm: Arm = "both"
     phi2_dispersion: sk.Angle = Field(default=0.0, ge=0, description="Extra dispersion of phi2, added to its errors.")
     distance_dispersion: sk.Coordinate = Field(default=0.0, ge=0, description="Extra dispersion of the distance.")
     distance_modulus_dispersion: sk.Number = Field(default=0.0, ge=0, description="Extra dispersion of the modulus.")

@@ -31,19 +31,6 @@ def column_panel(
     return Panel(x_label, y_label, *particles, marks, data)
 
 
-def datum_panel(
-    labels: tuple[str, str], particles: Array, x: Array, data: tuple[Array, Array], pull: Array | None, line: Line
-) -> Panel:
-    """Return the panel of numbers that no single particle has, with the label of x and theirs.
-
-    The data are values and errors (m,) at x (m,). Their pulls (m,) are None without a prediction. ``particles`` (n,)
-    are the places of the particles along x.
-    """
-    value, error = data
-    shown = PanelData(np.arange(len(value)), x, value, error, np.full(len(value), np.nan) if pull is None else pull)
-    return column_panel(*labels, (particles, np.full(len(particles), np.nan)), shown, line)
-
-
 def longitude_label(frame: object, unwrapped: bool) -> str:
     """Return the label of the longitudes, with the frame if it has a name."""
     named = f" in {frame}" if isinstance(frame, str) else ""
