@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import re
+import warnings
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Annotated, Any, get_args
@@ -83,7 +84,8 @@ class Unit:
 
         target = u.dimensionless_unscaled if not self.name else u.Unit(self.name)
         try:
-            with np.errstate(all="ignore"):  # numbers that are too large are refused below
+            # numbers that are too large are refused below; astropy warns of km/s/kpc, the usual unit of pattern speeds
+            with np.errstate(all="ignore"), warnings.catch_warnings(action="ignore", category=u.UnitsWarning):
                 quantity = u.Quantity(value)
         except (TypeError, ValueError):
             raise ValueError(

@@ -8,6 +8,7 @@ A package brings a command by an entry point of the group ``streamkit.commands``
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
@@ -23,6 +24,7 @@ from streamkit.distribution import foreign_files
 from streamkit.errors import PluginError, StreamkitError, message_of, nearest, printable
 
 GROUP = "streamkit.commands"
+PLAIN = {"integer": "a whole number", "float": "a number"}  # click's words for the values of options
 # Commands by the words of other programs, whose spelling is too different for a search of similar names.
 MEANT = {
     "fit": "run", "sample": "run", "mcmc": "run", "resume": "run", "quick": "run", "validate": "check", "test": "check",
@@ -144,6 +146,8 @@ def _failed(message: str, status: int) -> int:
 def _explain(error: click.ClickException) -> str:
     message = error.format_message()
     message = message[:1].lower() + message[1:]
+    message = re.sub(r"a valid (integer|float)( range)?", lambda kind: PLAIN[kind[1]], message)
     if isinstance(error, click.UsageError) and error.ctx is not None:
-        message = f"{message.rstrip('.')}. See '{error.ctx.command_path} --help'."
+        end = "" if message.endswith("?") else "."
+        message = f"{message.rstrip('.')}{end} See '{error.ctx.command_path} --help'."
     return message

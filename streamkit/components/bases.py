@@ -110,7 +110,7 @@ class StrippingScheme(Component):
     draws: ClassVar[int]
     """Number of random numbers for each particle."""
 
-    particles: int = Field(default=10000, ge=2, description="Number of particles, both tails together.")
+    particles: int = Field(default=10000, ge=2, le=10**7, description="Number of particles, both tails together.")
     quasi_random: bool = Field(
         default=True,
         description="Draw the normals from a scrambled Sobol sequence per tail (half the noise), or independently.",

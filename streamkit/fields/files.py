@@ -133,7 +133,8 @@ class Files:
                 f'it in the run file: {key} = "{unit.name}"{" }" if "{" in key else ""}'
             )
         try:
-            given = u.Unit(str(given_unit or "")) if file_unit is None else file_unit
+            with warnings.catch_warnings(action="ignore", category=u.UnitsWarning):  # of km/s/kpc
+                given = u.Unit(str(given_unit or "")) if file_unit is None else file_unit
             return float((given or u.dimensionless_unscaled).to(unit.name or u.dimensionless_unscaled))
         except (ValueError, u.UnitConversionError):
             text = given_unit if file_unit is None else file_unit
@@ -161,6 +162,8 @@ class Files:
                     table = Table.read(content, format=FORMATS[suffix])
                     if suffix == ".ecsv" and SERIALIZED in content:
                         self._plain[name] = Table.read(content.replace(SERIALIZED, "plain"), format=FORMATS[suffix])
+            except UnicodeDecodeError as error:
+                raise ValueError(f"{name!r} is no text in UTF-8: {error.reason} at byte {error.start}") from None
             except Exception as error:  # each format has errors of its own
                 text = " ".join(str(error).split())[:200]
                 raise ValueError(f"{name!r} is no table in the format {suffix[1:].upper()} ({text})") from None

@@ -157,7 +157,8 @@ class Columns:
     def _check_name(self, name: str) -> None:
         if name not in self.units:
             raise ValueError(
-                f"there is no column {name!r}.{nearest(name, self.units)} Allowed: {', '.join(self.units)}."
+                f"there is no column {name!r}.{nearest(name, [*self.units, 'file'])} Allowed: "
+                f"{', '.join(self.units)}, or file."
             )
 
     def _named(self, name: str, plain: Mapping[str, Any], files: Files | None) -> Array:

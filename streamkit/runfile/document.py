@@ -24,7 +24,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     """Read a TOML file; SpecError if it cannot be read, is not text, or is not TOML."""
     try:
         expect_file(path)
-        return tomllib.loads(path.read_bytes().decode())
+        return tomllib.loads(path.read_bytes().decode("utf-8-sig"))  # editors of Windows write a mark first
     except OSError as error:
         raise SpecError(f"{path}: cannot read the run file: {error.strerror}") from None
     except UnicodeDecodeError as error:

@@ -36,9 +36,9 @@ class _FrameField:
     def _read(value: Any, read: Callable[[Any], Any]) -> Any:
         if value is None:
             return None
-        frame = read(np.asarray(value).tolist() if hasattr(value, "__array__") else value)
-        sky_matrix(frame)
-        return frame
+        value = np.asarray(value).tolist() if hasattr(value, "__array__") else value
+        sky_matrix(value)  # first: its errors name the part of the frame
+        return read(value)
 
 
 # A name, ``{"pole": [ra, dec], "origin": [ra, dec]}``, ``{"ends": [[ra, dec], [ra, dec]]}``, a (3, 3) matrix from

@@ -54,6 +54,17 @@ def test_words_of_other_programs_are_understood(typed: str, meant: str) -> None:
     assert f"Did you mean {meant!r}?" in refused(typed, "run.toml")
 
 
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--draw", "3"], "no such option '--draw'. Did you mean '--draws'? See 'streamkit check --help'."),
+        (["--draws", "1e3"], "'1e3' is not a whole number. See"),
+    ],
+)
+def test_a_wrong_option_is_told_in_plain_sentences(words: list[str], told: str) -> None:
+    assert told in refused("check", "run.toml", *words)
+
+
 def test_it_is_called_like_our_own(install: Install) -> None:
     install("streamkit-tilt", "tilt", "command_called")
     assert call("tilt", "30").stdout == "tilted by 30\n"

@@ -1,6 +1,7 @@
 """How far a run has come, how to go on with it, and a run file to begin with."""
 
 import json
+import re
 import shlex
 import shutil
 import tomllib
@@ -35,7 +36,8 @@ def test_the_status_of_a_run_that_ended(run):
     assert "expected_end" not in known
     text = call("status", run.directory).output
     assert "30 of at most 30" in text
-    assert known["go_on"] in text
+    assert f"to continue, with more steps:\n  {known['go_on']}" in text
+    assert known["go_on"].endswith(" --steps 60 --resume")  # with 30, the run's own, nothing would be done
     assert run.note()[:30] in " ".join(text.split())
 
 
@@ -128,18 +130,19 @@ def test_the_command_to_go_on_keeps_the_options(tmp_path, monkeypatch):
     options = ["--steps", "2", "--workers", "2", "-q"]
     assert call("run", "small.toml", "--set", "progenitor.v_los=150", "-o", "out", *options).exit_code == 0
     go_on = shlex.split(json.loads(call("status", "out", "--json").output)["go_on"])
-    assert go_on == ["streamkit", "run", "out/run.toml", "-o", "out", "--workers", "2", "--steps", "2", "--resume"]
+    assert go_on == ["streamkit", "run", "out/run.toml", "-o", "out", "--workers", "2", "--steps", "4", "--resume"]
     (tmp_path / "small.toml").unlink()
-    done = call(*go_on[1:-2], "3", "--resume")
+    done = call(*go_on[1:])
     assert done.exit_code == 0, done.output
     results = sk.load_results("out")
-    assert len(results.chain) == 3
+    assert len(results.chain) == 4
     assert results.spec.document["progenitor"]["v_los"] == "150.0 km/s"
 
 
 def test_no_step_and_no_run(run, tmp_path):
     assert "no such directory" in refused("status", tmp_path / "none")
-    assert "manifest.json" in refused("status", tmp_path)
+    assert "holds no run: it has no manifest.json" in refused("status", tmp_path)
+    assert "is a file, expected the directory of a run" in refused("report", run.directory / "run.toml")
     for name in ("manifest.json", "run.toml"):
         shutil.copy(run.directory / name, tmp_path)
     known = json.loads(call("status", tmp_path, "--json").output)
@@ -153,6 +156,7 @@ def test_a_run_file_to_begin_with(tmp_path, monkeypatch):
     assert "sagittarius " in listed
     assert "version = " not in listed  # the comment alone is the description
     assert "gd1_recovery" in listed
+    assert [name for name in examples() if not re.search(rf"^  {name} +\w", listed, re.MULTILINE)] == []  # descriptions
     assert "mine.toml" in call("init", "sagittarius", "-o", "mine.toml").output
     text = (tmp_path / "mine.toml").read_text()
     assert text == (ROOT / "examples" / "sagittarius" / "sagittarius.toml").read_text()
@@ -205,7 +209,7 @@ def test_an_example_is_valid_in_an_empty_directory(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     written = call("init", name).output
     spec = sk.load(f"{name}.toml")
-    assert all(inputs.observables for inputs in spec.bind_all(spec.centre()).streams.values())
+    assert spec.bind_all(spec.centre()).streams
     assert {path.name for path in tmp_path.iterdir()} == {f"{name}.toml", *spec.files}
     assert all(file in written for file in spec.files)
     assert "../" not in (tmp_path / f"{name}.toml").read_text().replace("# ../", "").partition("[")[2]

@@ -40,7 +40,8 @@ def test_a_run_with_a_class_given_in_python(tmp_path):
     assert "components=[...]" in known["note"]
     assert "steps" in describe_status(out, known)
     go_on = known["go_on"]
-    assert go_on == f"streamkit.run({str(out / 'run.toml')!r}, out={str(out)!r}, components=[Own], resume=True)"
+    more = "components=[Own], steps=4, resume=True"
+    assert go_on == f"streamkit.run({str(out / 'run.toml')!r}, out={str(out)!r}, {more})"
     assert sk.load_results(out, [Own]).spec.digest() == first.spec.digest()
     more = sk.run(out / "run.toml", out, components=[Own], resume=True, progress=False, steps=3, products=False)
     assert len(more.chain) == 3

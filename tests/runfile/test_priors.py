@@ -8,7 +8,7 @@ from scipy import integrate, stats
 
 from streamkit.runfile import LogUniform, Normal, Prior, TruncatedNormal, Uniform
 from streamkit.runfile.priors import PRIORS, parse, usage
-from streamkit.units import Unit
+from streamkit.units import GYR, Unit
 
 KPC, NONE = Unit("kpc"), Unit("")
 
@@ -20,6 +20,10 @@ CASES = [
     (TruncatedNormal(0.0, 1.0, 5.0, math.inf), stats.truncnorm(5.0, np.inf, 0.0, 1.0)),
     (TruncatedNormal(0.0, 1.0, -math.inf, -6.0), stats.truncnorm(-np.inf, -6.0, 0.0, 1.0)),
 ]
+
+
+def test_the_unit_of_pattern_speeds_is_read_without_a_remark_of_astropy() -> None:
+    assert Unit("1 / Gyr").parse("-39 km/s/kpc") == pytest.approx(-39 * GYR)  # a warning would be an error here
 
 
 @pytest.mark.parametrize(("prior", "scipy_prior"), CASES, ids=lambda case: repr(case)[:40])

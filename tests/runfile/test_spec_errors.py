@@ -77,6 +77,7 @@ import streamkit as sk
         (changed("sampler", "walker", 70), ["sampler.walker", "Did you mean 'walkers'?"]),
         (changed("sampler", "moves", "mh"), ["sampler.moves: found 'mh'", "'surrogate', 'de' or 'stretch'"]),
         (changed("likelihood", "noise", True), ["likelihood.noise: found True"]),
+        (changed("stripping", "particles", 10**20), ["stripping.particles", "less than or equal to 10000000"]),
         (changed("sun", "r0", "-8 kpc"), ["sun.r0"]),
         (changed("sun", "z", 9), ["sun: |z| must be less than r0"]),
     ],
@@ -110,7 +111,7 @@ def test_a_field_of_several_types_is_named_as_in_the_run_file(value: Any) -> Non
 def test_files_that_are_none(tmp_path: Path) -> None:
     assert "cannot read the run file: No such file" in error_of(tmp_path / "none.toml")
     assert "cannot read the run file" in error_of(tmp_path)
-    (tmp_path / "bad.toml").write_text("seed = 1\n[potential\n")
+    (tmp_path / "bad.toml").write_bytes(b"\xef\xbb\xbfseed = 1\n[potential\n")  # the mark of editors of Windows
     assert "not valid TOML" in error_of(tmp_path / "bad.toml")
     assert "line 2" in error_of(str(tmp_path / "bad.toml"))
     (tmp_path / "empty.toml").write_text("")

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from astropy import coordinates as c
 from astropy import units as u
+from pydantic import TypeAdapter, ValidationError
 from runfiles import BASE
 
 import streamkit as sk
@@ -131,6 +132,7 @@ def test_a_pole_and_an_origin_are_a_great_circle() -> None:
         ({"pole": [1, 2], "origin": [1, 2]}, "at its pole"),
         ({"pole": [1, 92], "origin": [1, 2]}, "dec must be within"),
         ({"pole": [1, 2], "origin": "here"}, r"expected \[ra, dec\]"),
+        ({"pole": [1, 2, 3], "origin": [1, 2]}, r"found \[1, 2, 3\] for the pole of the frame"),
         ([[1, 0, 0], [0, 1, 0], [0, 0.1, 1]], "no rotation"),
         ([[1, 0, 0]], "expected the name of a frame"),
     ],
@@ -138,6 +140,9 @@ def test_a_pole_and_an_origin_are_a_great_circle() -> None:
 def test_what_is_no_frame_is_said(frame: object, text: str) -> None:
     with pytest.raises(ValueError, match=text):
         sky_matrix(frame)
+    with pytest.raises(ValidationError, match=text) as caught:  # and a field of a component says no more
+        TypeAdapter(sk.Frame).validate_python(frame)
+    assert caught.value.error_count() == 1
 
 
 def test_gsr_velocities_are_galactocentric_velocities_along_the_line_of_sight(stream: sk.Stream) -> None:

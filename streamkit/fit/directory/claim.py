@@ -207,15 +207,21 @@ def _some(files: list[str]) -> str:
     return ", ".join(files[:4]) + (f" and {len(files) - 4} more" if len(files) > 4 else "")
 
 
-def resume_command(directory: Path, options: dict[str, Any]) -> str:
+def resume_command(directory: Path, options: dict[str, Any], steps: int | None = None) -> str:
     """Return the command that continues the run in a directory, with the options that it was begun with.
 
     It names the resolved run file, which includes the settings of the command line. If classes were given in Python,
-    it is a call in Python, as no command can load them.
+    it is a call in Python, as no command can load them. ``steps`` is another largest number of steps, for a run that
+    has reached its own.
     """
     if given := options.get("given"):
         more = [f"components=[{', '.join(map(str, given))}]", *(["quick=True"] if options.get("quick") else [])]
+        more += [f"steps={steps}"] if steps is not None else []
         words = [repr(str(directory / RUN_FILE)), f"out={str(directory)!r}", *more, "resume=True"]
         return f"streamkit.run({', '.join(words)})"
-    words = [*options["launcher"], "run", str(directory / RUN_FILE), "-o", str(directory), *options["arguments"]]
+    arguments = list(options["arguments"])
+    if steps is not None:
+        at = arguments.index("--steps") if "--steps" in arguments else len(arguments)
+        arguments[at : at + 2] = ["--steps", str(steps)]
+    words = [*options["launcher"], "run", str(directory / RUN_FILE), "-o", str(directory), *arguments]
     return shlex.join([*words, "--resume"])

@@ -67,9 +67,14 @@ def manifest_of(spec: Spec, options: dict[str, Any], run_file: bytes) -> dict[st
 def manifest(directory: Path) -> dict[str, Any]:
     """Read the manifest of a run, without control characters; ChainError if there is none, or it is not readable."""
     path = directory / MANIFEST
+    if not directory.is_dir():
+        what = "is a file, expected the directory of a run" if directory.exists() else "there is no such directory"
+        raise ChainError(f"{directory}: {what}")
     try:
         expect_file(path)
         content = json.loads(path.read_bytes().decode())
+    except FileNotFoundError:
+        raise ChainError(f"{directory}: holds no run: it has no {MANIFEST}") from None
     except (OSError, ValueError, RecursionError) as error:
         raise ChainError(f"{directory}: no streamkit run: {MANIFEST} is not readable ({error})") from None
     try:

@@ -385,8 +385,6 @@ def load_results(directory: str | Path, components: Iterable[type[Component]] = 
     Raises ChainError if there is no readable run in the directory, or it has plugin files that are not trusted.
     """
     where = Path(directory)
-    if not where.is_dir():
-        raise ChainError(f"{where}: there is no such directory")
     notes = manifest(where)
     spec = load_spec(where, components, trust)
     stored = read_stored(where, spec)

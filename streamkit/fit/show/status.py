@@ -46,8 +46,6 @@ def read_status(directory: Path, trust: bool = False) -> dict[str, Any]:
 
     Raises ChainError if there is no run, or if it has plugin files and no ``trust``.
     """
-    if not directory.is_dir():
-        raise ChainError(f"{directory}: there is no such directory")
     options = manifest(directory)["options"]
     running = is_locked(directory)
     journals = [path for path in sorted(directory.iterdir()) if is_calls(path.name)]
@@ -78,6 +76,7 @@ def read_status(directory: Path, trust: bool = False) -> dict[str, Any]:
         if not any(path.name in (CHAIN, JOURNAL, SAMPLES) for path in files):
             return status
         status |= _bare(directory, running, str(error) if options["given"] else "")
+        status["go_on"] = _go_on(directory, options, status)
         if status["steps"] and not options["given"]:
             raise  # there are samples, and something else is wrong
         return status
@@ -98,9 +97,15 @@ def read_status(directory: Path, trust: bool = False) -> dict[str, Any]:
         "sentence": sentence,
         "note": results.draws.note(),
     }
+    status["go_on"] = _go_on(directory, options, status)
     if running and "walkers" in results.draws.record():
         status["expected_end"] = _expected_end(results, status, read_chain(directory).attributes)
     return status
+
+
+def _go_on(directory: Path, options: dict[str, Any], status: Mapping[str, Any]) -> str:
+    """Return the command that continues; a run that has reached its number of steps goes on to twice as many."""
+    return resume_command(directory, options, 2 * status["steps"] if status["state"] == "steps" else None)
 
 
 def _calls_of_each(counts: Mapping[str, int]) -> dict[str, dict[str, Any]]:
@@ -184,7 +189,8 @@ def describe_status(directory: Path, status: dict[str, Any], now: float | None =
     if "note" in status:
         parts.append(paragraph(f"{status['sentence']} {status['note']}"))
     if status["state"] != "running":
-        parts.append(f"to continue:\n  {status['go_on']}")
+        longer = ", with more steps" if status["state"] == "steps" else ""
+        parts.append(f"to continue{longer}:\n  {status['go_on']}")
     return "\n\n".join(parts)
 
 

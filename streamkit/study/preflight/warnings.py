@@ -21,7 +21,7 @@ from streamkit.testing import quick_failures
 # Ranges that contain all recent measurements of the Sun's position and of the rotation speed there.
 USUAL_SUN = {"r0": (7.0, 9.0, "kpc"), "z": (-0.1, 0.1, "kpc"), "v_circ": (180.0, 280.0, "km/s")}
 
-LARGEST_LOG = 20.0  # Msun: a smaller mass is more likely a decimal logarithm of one
+LOGS = 1.0, 20.0  # Msun: a mass between them is more likely a decimal logarithm of one
 RARE = 0.1  # share of the points of a prior that have a stream, below which a sampler is hard to start
 FEWEST_PARTICLES = 100  # with fewer particles the remedy for rare streams is more of them
 # A progenitor is not bound if its speed is more than so many times the host's circular speed. No galaxy has a circular
@@ -126,7 +126,7 @@ def progenitor_warnings(inputs: StreamInputs, orbit: OrbitSummary) -> list[str]:
 
 def _slip(size: float, mass: float, tidal: float) -> str:
     """Return the likely mistake in a size in kpc or a mass in Msun, for a tidal radius in kpc."""
-    if 0 < mass < LARGEST_LOG:
+    if LOGS[0] <= mass < LOGS[1]:
         return f" Is its mass, {mass:.3g} Msun, a logarithm? Masses are in Msun, such as 1e4."
     if size / 1000 <= tidal:
         return f" Is the radius in pc? Write it with its unit, such as '{size:.3g} pc'."
@@ -331,7 +331,7 @@ def mass_warnings(spec: Spec, bound: ModelInputs) -> list[str]:
         f"{name} = {bound.values[name]:.3g} Msun at the prior's centre: is that a logarithm? Masses are in Msun; a "
         "prior that is even in the logarithm is log_uniform = [1e11, 1e12]."
         for name in masses
-        if 0 < bound.values[name] < LARGEST_LOG
+        if LOGS[0] <= bound.values[name] < LOGS[1]
     ]
 
 

@@ -82,6 +82,7 @@ def test_likely_mistakes_in_the_shared_table_are_tried() -> None:
         ({"table": SHARED | {"phi2_error": [0.1, NAN, 0.1, 0.1]}}, "phi2: row 2 has a value and no error"),
         ({"table": {"phi2": [1], "phi2_error": [3]}}, "the column 'phi1' is missing"),
         ({"table": {"phi1": [1], "pm": [3]}}, "there is no column 'pm'"),
+        ({"table": {"fil": "t.ecsv"}}, "there is no column 'fil'. Did you mean 'file'?"),
         ({"table": SHARED | {"pm_error": [1] * 4}}, "Did you mean 'pm_phi1_cosphi2_error' or 'pm_phi2_error'?"),
         ({"table": {"phi1": [1]}}, "there are no data"),
         ({"table": {"phi1": [1], "phi2": [NAN], "phi2_error": [NAN]}}, "there are no data"),

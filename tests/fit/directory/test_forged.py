@@ -72,7 +72,7 @@ def test_a_forged_manifest_is_one_sentence_or_readable(runs: Path) -> None:
 def test_control_characters_of_a_manifest_are_not_printed(runs: Path) -> None:
     path = runs / "chain" / "manifest.json"
     document = json.loads(path.read_text())
-    document["options"]["arguments"] = ["--steps", "\x1b]0;mine\x07\x9b31m"]
+    document["options"]["arguments"] = ["--engine", "\x1b]0;mine\x07\x9b31m"]
     path.write_text(json.dumps(document))
     result = call("status", runs / "chain", "--trust")
     assert result.exit_code == 0

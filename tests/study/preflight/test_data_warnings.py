@@ -178,6 +178,7 @@ def test_a_run_file_without_priors_is_judged_by_its_one_stream() -> None:
     [
         ("radius", 30.0, ("larger than its tidal radius", "Write it with its unit, such as '30 pc'")),
         ("mass", 4.3, ("larger than its tidal radius", "4.3 Msun, a logarithm?")),
+        ("mass", "2e4 kg", ("larger than its tidal radius", "Check the radius, and the exponent of the mass")),
         ("mass", 2e14, ("heavier than its host", "Check the exponent")),
         ("frame", "Pal5PriceWhelan18", ("'Pal5PriceWhelan18' and 'GD1Koposov10'", "Give both the same frame")),
     ],
