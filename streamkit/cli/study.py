@@ -72,5 +72,7 @@ def conduct(
     if failed:
         click.echo(f"streamkit: not drawn: {failed}; everything else is written", err=True)
     if products.stopped:
-        click.echo(f"streamkit: {products.stopped}; the tables hold the finished part", err=True)
-        click.get_current_context().exit(INTERRUPTED if products.stopped == grid.INTERRUPTED else INVALID)
+        context = click.get_current_context()
+        again = "; --resume goes on" if "resume" in context.params else ""
+        click.echo(f"streamkit: {products.stopped}; the tables hold the finished part{again}", err=True)
+        context.exit(INTERRUPTED if products.stopped == grid.INTERRUPTED else INVALID)

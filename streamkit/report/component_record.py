@@ -66,6 +66,9 @@ def check_name(registry: Registry, command: str, name: str, names: Iterable[str]
     homes = [role for role, kinds in registry.entries.items() if name in kinds]
     if homes:
         raise StreamkitError(f"{command}: {name!r} is a {homes[0]}: use 'streamkit {command} {homes[0]} {name}'.")
+    role, _, kind = name.partition(".")
+    if kind in registry.entries.get(role, ()):
+        raise StreamkitError(f"{command}: found {name!r}; use 'streamkit {command} {role} {kind}'.")
     raise StreamkitError(f"{command}: nothing is called {name!r}.{nearest(name, names)} Known: {', '.join(names)}.")
 
 

@@ -82,6 +82,7 @@ def test_the_components_as_json():
     (mass,) = (each for each in nfw["parameters"] if each["name"] == "mass")
     assert (mass["unit"], mass["required"], mass["allowed"]) == ("Msun", True, "> 0")
     assert "nothing is called 'potentail'" in refused("plugins", "potentail", "--json")
+    assert "use 'streamkit reference potential nfw'" in refused("reference", "potential.nfw")
 
 
 @pytest.mark.slow

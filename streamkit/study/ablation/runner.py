@@ -7,11 +7,12 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from streamkit import nbody
-from streamkit.components import Component, LiveStripping
-from streamkit.errors import ComponentError, OutOfDomain, SpecError, StreamkitError
+from streamkit.components import Component, LiveStripping, load_registry
+from streamkit.errors import ComponentError, OutOfDomain, SpecError, StreamkitError, nearest
 from streamkit.model import Model
 from streamkit.runfile import Spec
 from streamkit.stream import Prediction, Stream
@@ -93,6 +94,13 @@ def read_reference(path: str, spec: Spec, stream: str | None = None) -> Portrait
     """
     inputs = spec.bind(stream=stream)
     live = _live_spec(path, spec, stream)
+    if live is None and path.isidentifier() and not Path(path).exists():
+        kinds = [kind for kind, entry in load_registry().entries["stripping"].items()
+                 if issubclass(entry.cls, LiveStripping)]  # fmt: skip
+        raise StreamkitError(
+            f"the reference {path!r} is no live progenitor.{nearest(path, kinds)} Installed: {', '.join(kinds)}. A "
+            "snapshot ends with .npz, .hdf5 or .h5"
+        )
     try:
         if live is not None:
             made, prediction = Model(live).observe(live.bind(stream=stream))

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from streamkit.errors import SpecError, StreamkitError
+from streamkit.errors import Interrupted, SpecError, StreamkitError
 from streamkit.fit import Results, run
 from streamkit.runfile import Spec, read_toml
 from streamkit.stream import Array
@@ -116,11 +116,15 @@ def run_families(
             f"found {len(streams)} stream{'s' * (len(streams) != 1)}, expected two or more: stacking predicts each of "
             f"several streams by the others; use --weights {EVIDENCE}"
         )
-    families = []
+    families: list[Family] = []
     for name, spec in specs.items():
         directory = out / name
         going_on = resume and directory.exists()
-        results = run(spec, directory, workers=workers, resume=going_on, force=force, progress=False)
+        try:
+            results = run(spec, directory, workers=workers, resume=going_on, force=force, progress=False)
+        except Interrupted as stop:  # its message continues this fit alone
+            told = f"{directory}: interrupted; {len(families)} of {len(specs)} fits are finished; --resume goes on"
+            raise Interrupted(told, stop.exit_status - 128) from None
         families.append(Family(name, results))
         done()
     return Families(next(iter(specs.values())), tuple(families), by)

@@ -8,6 +8,7 @@ from collections.abc import Callable, Hashable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import TypeVar
 
+from streamkit.errors import Interrupted
 from streamkit.sample import POLL, WorkerDied, pool
 
 INTERRUPTED = "interrupted"
@@ -49,7 +50,7 @@ def run_jobs(
                         done()
             finally:
                 executor.shutdown(cancel_futures=True)
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, Interrupted):  # the latter from a fit, which takes the signal first
         stopped = INTERRUPTED
     return results, stopped
 

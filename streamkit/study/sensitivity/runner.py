@@ -49,14 +49,23 @@ def chosen(spec: Spec, fields: Sequence[str]) -> tuple[str, ...]:
     fields = [spec.path_of(name) for name in fields]
     for name in fields:
         if name not in spec.names:
+            hint = nearest(name, spec.names)
+            if _is_field(spec.document, name):
+                hint = f" To vary a fixed one, give it a prior: --set '{name}={{ uniform = [low, high] }}'."
             raise SpecError(
-                f"{spec.source}: {name!r} is no free parameter.{nearest(name, spec.names)} "
-                f"Free: {', '.join(spec.names) or 'none'}. To vary a fixed one, give it a prior: "
-                f"--set '{name}={{ uniform = [low, high] }}'"
+                f"{spec.source}: {name!r} is no free parameter.{hint} Free: {', '.join(spec.names) or 'none'}."
             )
         if fields.count(name) > 1:
             raise SpecError(f"{spec.source}: {name}: given twice; a parameter is varied once")
     return tuple(fields) or spec.names
+
+
+def _is_field(document: Any, path: str) -> bool:
+    for name in path.split("."):
+        if not isinstance(document, Mapping) or name not in document:
+            return False
+        document = document[name]
+    return True
 
 
 def fixed_point(spec: Spec, point: Mapping[str, Any]) -> dict[str, float]:

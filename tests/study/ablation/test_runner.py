@@ -225,6 +225,7 @@ def test_an_interruption_keeps_what_is_finished(
         ([GRAVITY, GRAVITY], "stripping.progenitor_gravity: given twice"),
         ([], "missing option '--vary'"),
         ([GRAVITY, "--reference=none.npz"], "none.npz: there is no such file"),
+        ([GRAVITY, "--reference=restricted"], "is no live progenitor. Did you mean 'restricted_nbody'?"),
         ([GRAVITY, "--match-rate"], "--match-rate needs a --reference"),
         ([GRAVITY, "--seeds=0"], "0 is not in the range x>=1"),
     ],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from commands import call
 from scipy.stats import norm
 
 import streamkit as sk
+from streamkit.errors import Interrupted
 from streamkit.study.families import average, stacking_weights, weights_of
 
 RUN = """
@@ -149,6 +151,18 @@ def test_bad_input_is_a_sentence(tmp_path: Path, text: str, sentence: str) -> No
     result = call("families", tmp_path / "run.toml", "--host", tmp_path / "other.toml", "-o", tmp_path / "out")
     assert result.exit_code == 2
     assert sentence in " ".join(result.output.split())
+
+
+def test_an_interruption_says_how_to_go_on_with_all_fits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def stopped(*_args: Any, **_named: Any) -> None:
+        raise Interrupted("stopped after 3 steps. To continue: streamkit run", signal.SIGTERM)
+
+    monkeypatch.setattr("streamkit.study.families.runner.run", stopped)
+    (tmp_path / "run.toml").write_text(RUN)
+    (tmp_path / "other.toml").write_text(OTHER)
+    result = call("families", tmp_path / "run.toml", "--host", tmp_path / "other.toml", "-o", tmp_path / "out")
+    assert result.exit_code == 143
+    assert "interrupted; 0 of 2 fits are finished; --resume goes on" in " ".join(result.output.split())
 
 
 def test_two_hosts_of_one_name_are_refused(tmp_path: Path) -> None:

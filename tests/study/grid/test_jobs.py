@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,7 @@ from matplotlib.figure import Figure
 from runfiles import RUN
 
 import streamkit as sk
-from streamkit.errors import StreamkitError
+from streamkit.errors import Interrupted, StreamkitError
 from streamkit.study.grid import DIED, INTERRUPTED, Products, draw_pictures, run_jobs, write_tables
 
 JOBS = {"a": 1, "b": 2, "c": 3}
@@ -34,6 +35,12 @@ def terminate_at_two(n: int) -> int:
     return n * n
 
 
+def interrupt_a_fit_at_two(n: int) -> int:
+    if n == 2:
+        raise Interrupted("stopped after 0 steps, which are not saved")
+    return n * n
+
+
 def fail_at_two(n: int) -> int:
     if n == 2:
         raise ValueError("two")
@@ -48,9 +55,10 @@ def test_every_job_is_done_wherever(workers: int) -> None:
     assert len(calls) == 3
 
 
-def test_a_termination_keeps_what_is_finished_and_leaves_signals_as_they_were() -> None:
+@pytest.mark.parametrize("work", [terminate_at_two, interrupt_a_fit_at_two])
+def test_a_termination_keeps_what_is_finished_and_leaves_signals_as_they_were(work: Callable[[int], int]) -> None:
     before = signal.getsignal(signal.SIGTERM)
-    assert run_jobs(terminate_at_two, JOBS) == ({"a": 1}, INTERRUPTED)
+    assert run_jobs(work, JOBS) == ({"a": 1}, INTERRUPTED)
     assert signal.getsignal(signal.SIGTERM) is before
 
 
