@@ -22,15 +22,15 @@ ALLOWED = "lower-case letters, digits and underscores, a letter first"
 
 
 @click.command()
-@click.argument("role", type=click.Choice(ROLES))
+@click.argument("role", type=click.Choice(ROLES), metavar="ROLE")
 @click.argument("name")
 @click.option("-o", "--output", type=click.Path(path_type=Path), metavar="DIR",
               help="Directory of the package, which must not exist; default: streamkit-NAME.")  # fmt: skip
 def new(role: str, name: str, output: Path | None) -> None:
     """Write the package of a new component: module, test, pyproject.toml and README.
 
-    ROLE is the component's role, NAME its kind in run files. The package can be installed and passes its test as it
-    is: change one line at a time.
+    ROLE is the component's role: data, integrator, observable, potential, sampler or stripping. NAME is its kind in run
+    files. The package can be installed and passes its test as it is: change one line at a time.
     """
     texts = package_files(role, name)
     directory = Path(f"streamkit-{name.replace('_', '-')}") if output is None else output

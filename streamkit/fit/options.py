@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import Executor
+from numbers import Integral
 from pathlib import Path
 
 from streamkit.components import ChainSampler, Sampler
@@ -30,7 +31,9 @@ def sampler_of(spec: Spec, steps: int | None) -> Sampler:
         return sampler
     if not isinstance(sampler, ChainSampler):
         raise SpecError(f"steps: the sampler {sampler.kind!r} has no steps. Fields of [sampler] decide when it ends.")
-    return sampler.model_copy(update={"steps": steps})
+    if isinstance(steps, bool) or not isinstance(steps, Integral) or steps < 1:
+        raise SpecError(f"steps: found {steps!r}, expected a whole number, 1 or more")
+    return sampler.model_copy(update={"steps": int(steps)})
 
 
 def engine_of(spec: Spec, workers: int | Executor | None, kind: str | None, scheduler: str | None) -> Engine:

@@ -96,6 +96,9 @@ def test_mass_profiles_take_quantities(run):
     one, two = run.mass_profile(100 * u.kpc), run.mass_profile([0.1] * u.Mpc)
     assert one["M"][0].unit == u.Msun
     assert one["M"][0] == two["M"][0]
+    for radii, found in (([50, -50], "found -50 kpc"), ([np.nan], "found nan kpc"), ([], r"shape \(0,\)")):
+        with pytest.raises(ValueError, match=f"radii: {'found an array of ' * (radii == [])}{found}"):
+            run.mass_profile(radii)
 
 
 def test_the_diagnostics_count_every_call(run):

@@ -20,7 +20,7 @@ POSITIVE = click.FloatRange(0, min_open=True)
 @click.option("--time", type=POSITIVE, metavar="GYR",
               help="Unit of time of the files, in Gyr. Default: that of length and mass, with G = 1.")  # fmt: skip
 @click.option("--today", type=float, metavar="T",
-              help="Time of today, in the files' unit. Default: the last one.")  # fmt: skip
+              help="Time of today, in the files' unit. Default: the last one of EXP, 0 of AGAMA.")  # fmt: skip
 @click.option("--l-max", type=click.IntRange(0, 32), metavar="L",
               help="Largest degree of the spherical harmonics. Default: all.")  # fmt: skip
 @click.option("--every", default=1, show_default=True, type=click.IntRange(1), metavar="N",

@@ -16,10 +16,11 @@ from streamkit.errors import OutOfDomain, StreamkitError
 @RUN_FILE
 @SET
 @directory("-nbody")
-@click.option("--particles", default=20000, show_default=True, type=click.IntRange(100), metavar="N")
+@click.option("--particles", default=20000, show_default=True, type=click.IntRange(100), metavar="N",
+              help="Number of particles of the satellite.")  # fmt: skip
 @click.option("--softening", type=click.FloatRange(0, min_open=True), metavar="KPC",
               help="Softening length; default: the mean distance between particles at the centre.")  # fmt: skip
-@click.option("--theta", default=0.7, show_default=True, type=click.FloatRange(0.1, 1.5),
+@click.option("--theta", default=0.7, show_default=True, type=click.FloatRange(0.1, 1.5), metavar="ANGLE",
               help="Opening angle of the tree.")  # fmt: skip
 @click.option("--step", type=click.FloatRange(0, min_open=True), metavar="MYR",
               help="Longest step; default: from the softening and the host.")  # fmt: skip

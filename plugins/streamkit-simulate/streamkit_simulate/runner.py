@@ -24,6 +24,7 @@ from streamkit_simulate.simulator import PARTICLE, Simulator
 EVERY = 5.0  # seconds between two writes
 MEMORY = 64e6  # bytes of draws that wait for a write
 BLOCK = 4096  # most draws that the workers are given at a time
+SUFFIXES = ".h5", ".hdf5"
 
 
 @dataclass(frozen=True)
@@ -114,6 +115,8 @@ def _check(spec: Spec, out: Path, particles: bool, resume: bool, force: bool) ->
         raise StreamkitError(f"{out}: the directory {str(out.parent)!r} does not exist")
     if out.is_dir():
         raise StreamkitError(f"{out}: is a directory, and a file is wanted")
+    if out.suffix not in SUFFIXES:
+        raise StreamkitError(f"{out}: the file is HDF5, and its suffix must be {' or '.join(SUFFIXES)}")
     if out.exists() and not (resume or force):
         raise StreamkitError(f"{out}: the file exists; --resume continues it, --force replaces it")
 

@@ -266,6 +266,8 @@ def test_what_cannot_be_made_is_refused_before_a_draw(spec, tmp_path, monkeypatc
         simulate(spec, tmp_path / "nowhere" / "sims.h5", N, progress=False)
     with pytest.raises(StreamkitError, match="is a directory"):
         simulate(spec, tmp_path, N, progress=False)
+    with pytest.raises(StreamkitError, match=r"the file is HDF5, and its suffix must be \.h5 or \.hdf5"):
+        simulate(spec, tmp_path / "sims.npz", N, progress=False)
     usage = namedtuple("usage", "total used free")
     monkeypatch.setattr(archive.shutil, "disk_usage", lambda _path: usage(10**6, 0, 10**6))
     with pytest.raises(StreamkitError, match=r"10000 draws take 3\.12 MB and the disk has 1 MB left, room for 3205"):

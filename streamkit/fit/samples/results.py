@@ -26,7 +26,14 @@ from streamkit.fit.samples.draws import Draws
 from streamkit.fit.samples.left_out import left_out_table
 from streamkit.fit.samples.members import members_table
 from streamkit.fit.samples.predictions import predictive
-from streamkit.fit.samples.tables import goodness_table, intervals, predictions_table, printable, stream_table
+from streamkit.fit.samples.tables import (
+    goodness_table,
+    intervals,
+    predictions_table,
+    printable,
+    radii_in_kpc,
+    stream_table,
+)
 from streamkit.fit.samples.weighted import WeightedDraws
 from streamkit.model import Host, Observation
 from streamkit.runfile import Prior, Spec
@@ -308,9 +315,9 @@ class Results:
         """Return the mass inside radii (kpc, or a Quantity), and the circular velocity there.
 
         Median with 68 % and 95 % intervals, today, for the sum of all potentials of the host; from at most
-        5000 of the samples, evenly spaced.
+        5000 of the samples, evenly spaced. Raises ValueError for radii that are not positive.
         """
-        r = np.atleast_1d(u.Quantity(radii, u.kpc).value).astype(float)
+        r = radii_in_kpc(radii)
         mass, v_c = self.profiles(r)
         table = QTable({"r": r * u.kpc})
         for name, values, unit in (("M", mass, u.Msun), ("v_c", v_c, u.km / u.s)):

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
+from astropy import units as u
 from astropy.table import Column, QTable
 
 from streamkit.fit.judge.goodness import Fitted, Goodness
@@ -82,3 +84,13 @@ def predictions_table(seen: Predictive | None) -> QTable:
     table["deviation"] = Column(seen.deviations, description=f"datum minus median prediction, in {SIGMA}")
     table["noise"] = Column(seen.noise, description=f"the model's own noise over {SIGMA}")
     return printable(table)
+
+
+def radii_in_kpc(radii: Any) -> Array:
+    """Return radii (kpc, or a Quantity) as numbers (nr,); ValueError if there are none, or one is not positive."""
+    r = np.atleast_1d(u.Quantity(radii, u.kpc).value).astype(float)
+    if r.ndim != 1 or not r.size:
+        raise ValueError(f"radii: found an array of shape {r.shape}, expected one radius or more, in kpc")
+    if (wrong := r[~(np.isfinite(r) & (r > 0))]).size:
+        raise ValueError(f"radii: found {wrong[0]:g} kpc, expected positive numbers")
+    return r

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from streamkit.errors import OutOfDomain
 from streamkit.fit.samples.results import Results
-from streamkit.fit.samples.tables import LEVELS, printable
+from streamkit.fit.samples.tables import LEVELS, printable, radii_in_kpc
 from streamkit.fit.show.figures import bands, levels
 from streamkit.model import PROFILE, Host, Moving, profile_values
 from streamkit.report import BLUE, VERMILION, columns, number, panel_grid, paragraph, ticks
@@ -37,9 +37,7 @@ def host_table(source: Spec | Results, radii: Any = HOST_RADII, draws: int = 0) 
 
     Raises ValueError for radii that are not positive, and OutOfDomain if no draw has a host.
     """
-    r = np.atleast_1d(u.Quantity(radii, u.kpc).value).astype(float)
-    if not (r.ndim == 1 and r.size and np.isfinite(r).all() and (r > 0).all()):
-        raise ValueError("the radii of a host must be positive numbers, in kpc")
+    r = radii_in_kpc(radii)
     table = QTable({"r": r * u.kpc})
     if isinstance(source, Results):
         chosen = source.some(MOST)

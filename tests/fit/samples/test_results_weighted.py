@@ -266,6 +266,13 @@ def test_errors_in_the_section(sampler, parts):
         assert part in str(caught.value)
 
 
+@pytest.mark.parametrize("steps", [0, 2.5, "10", True])
+def test_steps_are_whole_numbers(steps):
+    """With 2.5 a chain had no end."""
+    with pytest.raises(sk.SpecError, match=r"steps: found .*, expected a whole number, 1 or more"):
+        sk.run(FIT, steps=steps, progress=False)
+
+
 def test_steps_belong_to_the_sampler_that_has_them():
     with pytest.raises(sk.SpecError, match="steps: the sampler 'importance' has no steps"):
         sk.run(RUN, steps=3, progress=False)
