@@ -70,7 +70,7 @@ class Unit:
         Text that is no quantity, or one of another dimension, is a `ValueError`.
         """
         if isinstance(value, bool):
-            raise ValueError(f"expected a number in {self.label} or a quantity, found {value!r}")
+            raise ValueError(f"expected {self.number} or a quantity, found {value!r}")
         if isinstance(value, int | float):
             return _sized(value)
         return self._parse_text(value) if isinstance(value, str) else self._parse(value)
@@ -89,7 +89,7 @@ class Unit:
                 quantity = u.Quantity(value)
         except (TypeError, ValueError):
             raise ValueError(
-                f"expected a number in {self.label} or a quantity such as {self.example!r}, found {value!r}"
+                f"expected {self.number} or a quantity such as {self.example!r}, found {value!r}"
             ) from None
         if quantity.shape:
             raise ValueError(f"expected one number, found an array of shape {quantity.shape}")
@@ -106,6 +106,11 @@ class Unit:
     def label(self) -> str:
         """The unit's name, or 'no unit'."""
         return self.name or "no unit"
+
+    @property
+    def number(self) -> str:
+        """A number in this unit, for messages."""
+        return f"a number in {self.name}" if self.name else "a number"
 
     @property
     def example(self) -> str:

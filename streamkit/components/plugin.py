@@ -165,7 +165,10 @@ def _components(module: ModuleType) -> list[type[Component] | Preset]:
     except pluggy.PluginValidationError as error:
         raise PluginError(f"{error}. The only hook is 'streamkit_components', and it takes no argument.") from None
     if not manager.get_hookcallers(module):
-        raise PluginError(f"the module {module.__name__} has no hook 'streamkit_components'")
+        raise PluginError(
+            f"the module {module.__name__} has no hook 'streamkit_components': a function without arguments that "
+            "returns the list of its components"
+        )
     try:
         items = list(module.streamkit_components())
     except KeyboardInterrupt:

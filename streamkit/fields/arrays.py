@@ -113,7 +113,8 @@ class ArrayOf:
             require(array >= (1 / LARGEST if self.sign == POSITIVE else 0.0), wanted=self.sign)
         low, high = self.between
         if not (low == -np.inf and high == np.inf):
-            require((array >= low) & (array <= high), wanted=f"{low:g} to {high:g}")
+            wanted = f"{low:g} or more" if high == np.inf else f"{low:g} to {high:g}"
+            require((array >= low) & (array <= high), wanted=wanted)
         if self.increasing:
             rises = np.concatenate([[True], np.diff(array) > 0])
             require(rises, wanted="larger than the one before: sort them")

@@ -68,7 +68,7 @@ def sentence(path: str, cls: type[BaseModel], item: Any, called: str, more: tupl
     description = (field.description or "" if field is not None else "").split(". ")[0].rstrip(".")
     about = f" ({description})" if description else ""
     if kind == "missing" and len(loc) == 1:
-        number = f"a number in {unit.label}, a quantity such as {unit.example!r}, or a prior" if unit else ""
+        number = f"{unit.number}, a quantity such as {unit.example!r}, or a prior" if unit else ""
         array, table = (array_of(field), columns_of(field)) if field is not None else (None, None)
         data = f"numbers in {array.unit.label} as a list or from a file" if array else "a table" if table else ""
         return f"{where}: missing{about}; expected {number or data or 'a value'}"

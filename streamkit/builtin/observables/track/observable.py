@@ -334,7 +334,7 @@ class Track(sk.Observable):
 
     @property
     def _pair_covariance(self) -> sk.Array | None:
-        return None if self._stars is None else self._stars.covariance[self._stars.rows(MOTIONS[0])]
+        return self._stars.covariance[self._stars.rows(MOTIONS[0])] if self._stars is not None and self._pair else None
 
     def scatter2(self, name: str, error: sk.Array, spread: sk.Array) -> sk.Array:
         """(..., k) Variances of one field's data about the lines: errors, extra dispersion and, for stars, spread."""
