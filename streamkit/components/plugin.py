@@ -166,8 +166,8 @@ def _components(module: ModuleType) -> list[type[Component] | Preset]:
         raise PluginError(f"{error}. The only hook is 'streamkit_components', and it takes no argument.") from None
     if not manager.get_hookcallers(module):
         raise PluginError(
-            f"the module {module.__name__} has no hook 'streamkit_components': a function without arguments that "
-            "returns the list of its components"
+            f"the module {module.__name__} has no hook 'streamkit_components': a function without arguments, marked "
+            "with @streamkit.hookimpl, that returns the list of its components"
         )
     try:
         items = list(module.streamkit_components())

@@ -85,7 +85,11 @@ class Registry:
         entries = registry.entries[role]
         if isinstance(kind, str) and kind in entries:
             return entries[kind].cls
-        hint = where_to_find(str(kind)) or nearest(str(kind), entries)
+        home = next((other for other, kinds in registry.entries.items() if str(kind) in kinds), "")
+        found = f" It is a kind of {home}." if home else ""
+        if role == "potential" and str(kind) in registry.presets:
+            found = f' It is a preset: preset = "{kind}".'
+        hint = where_to_find(str(kind)) or found or nearest(str(kind), entries)
         lost = "".join(f"\n  A plugin failed to load: {line}" for line in registry.failed)
         raise SpecError(f"{where}: no {role} is called {kind!r}.{hint} Installed: {', '.join(sorted(entries))}.{lost}")
 

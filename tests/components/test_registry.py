@@ -233,7 +233,7 @@ def test_a_hook_that_fails(install, code):
 
 def test_a_module_without_the_hook(install):
     result = record(install("streamkit-empty", "reg_empty", '"""Nothing."""\n'))
-    assert re.match(r"streamkit-empty 1\.2, .*the module reg_empty has no hook", result)
+    assert re.match(r"streamkit-empty 1\.2, .*module reg_empty has no hook .* marked with @streamkit.hookimpl", result)
 
 
 @pytest.mark.parametrize(

@@ -70,6 +70,8 @@ import streamkit as sk
         (changed("stripping", "particles", {"uniform": [1, 2]}), ["stripping.particles: takes no prior"]),
         (changed("stripping", "release_times", "unifrom"), ["Did you mean 'uniform'?", "'pericentre'"]),
         (changed("integrator", "kind", "rk4"), ["integrator.kind", "'rk4'", "pefrl"]),
+        (changed("integrator", "kind", "mlcs"), ["no integrator is called 'mlcs'. It is a kind of stripping."]),
+        (changed("potential", "kind", "bovy2014"), ["is called 'bovy2014'. It is a preset: preset = \"bovy2014\"."]),
         (changed("observable", "leading", ["47.8 kpc"]), ["observable.leading"]),
         (changed("observable", "leading", ["47.8 kpc", "1 s"]), ["observable.leading", "'1 s'"]),
         (changed("observable", "recent_debris", "epoch-aware"), ["Did you mean 'epoch_aware'?"]),
