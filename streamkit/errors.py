@@ -119,8 +119,10 @@ def brief(error: BaseException) -> str:
 
     if isinstance(error, ValidationError):
         first = error.errors(include_url=False)[0]
-        where = ".".join(map(str, first["loc"]))
-        return printable(f"{f'{where}: ' if where else ''}{first['msg']}, found {first['input']!r:.80}")
+        where, found = ".".join(map(str, first["loc"])), f"{first['input']!r:.80}"
+        told = "is missing" if first["type"] == "missing" else first["msg"].removeprefix("Value error, ")
+        more = "" if told == "is missing" or found in told else f", found {found}"
+        return printable(f"{f'{where}: ' if where else ''}{told}{more}")
     return printable(" ".join(message_of(error).split()))[:200] or type(error).__name__
 
 

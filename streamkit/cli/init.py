@@ -59,6 +59,8 @@ def init(names: tuple[str, ...], output: Path | None, own: bool, streams: tuple[
     if own and (names or streams):
         found = f"the stream {streams[0]!r}" if streams else f"the example {names[0]!r}"
         raise click.UsageError(f"--own writes a template; found {found} too")
+    if output is not None and not (own or names or streams):
+        raise click.UsageError("-o FILE: which example? 'streamkit init' lists them, and --own is a template")
     if streams:
         _write_known((*streams, *names), output, force)
     elif own:

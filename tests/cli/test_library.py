@@ -71,4 +71,5 @@ def test_a_broken_library_and_one_that_is_switched_off(installed, monkeypatch):
 
 def test_examples_are_written_one_at_a_time(installed):
     assert "one example at a time; found gd1 pal5" in refused("init", "gd1", "pal5")
+    assert "-o FILE: which example?" in refused("init", "-o", "mine.toml")
     assert "--own writes a template; found the example 'gd1' too" in refused("init", "--own", "gd1")

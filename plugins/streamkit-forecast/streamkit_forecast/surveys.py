@@ -72,7 +72,8 @@ def _survey(where: str, section: Any) -> Survey:
     try:
         survey = Survey.model_validate(section)
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
+        faults = error.errors(include_url=False)  # a misspelled name first: the right one is missing then
+        first = next((fault for fault in faults if fault["type"] == "extra_forbidden"), faults[0])
         if first["type"] != "extra_forbidden":
             raise SpecError(f"{where}.{brief(error)}") from None
         *above, name = map(str, first["loc"])

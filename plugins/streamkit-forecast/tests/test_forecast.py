@@ -290,6 +290,8 @@ def test_the_command_writes_tables_and_a_picture(tmp_path, monkeypatch):
 @pytest.mark.parametrize(("survey", "message"), [
     ("", r"there is no survey; expected sections such as \[desi\]"),
     ("stars = 3", r"found 3, expected a section \[NAME\]"),
+    ("[a]\nphi1 = [0, 1]\nstars = 4", "a.errors: is missing$"),
+    ("[a]\nphi = [0, 1]\nstars = 4\nerrors = { phi2 = 1 }", r"no field 'phi'. Did you mean 'phi1'\?"),
     ("[a]\nphi1 = [0, 1]\nstarz = 4\nerrors = { phi2 = 1 }", r"no field 'starz'. Did you mean 'stars'\?"),
     ("[a]\nphi1 = [0, 1]\nstars = 4\nerrors = { velocity = 1 }", r"no field 'errors.velocity'. .*radial_velocity"),
     ("[a]\nphi1 = [0, 1]\nerrors = { phi2 = 1 }", "expected either stars.*or means"),
@@ -310,7 +312,7 @@ def test_a_survey_that_is_none_is_refused_with_its_place(of_track, tmp_path, sur
     (["--set", "potential.q=1.0"], "potential.q: found 1, which is not inside its prior"),
     (["--radii", "10,-2"], "expected positive numbers in kpc"),
     (["--error", "velocity=2"], "no column is called 'velocity'"),
-    (["--error", "radial_velocity=2kpc"], "--error radial_velocity: .*expected a quantity in km / s"),
+    (["--error", "radial_velocity=2kpc"], "--error radial_velocity: expected a quantity in .*, found '2kpc'. See"),
     (["--target", "M(<21 kpc)"], r"--target 'M\(<21 kpc\)': nothing is called so. Did you mean 'M\(<20 kpc\)'"),
 ])  # fmt: skip
 def test_options_that_are_wrong_are_explained(tmp_path, monkeypatch, arguments, message):

@@ -82,7 +82,7 @@ def test_arrays_that_do_not_fit_together_are_an_error(
         ("counts", "[", "Expecting value"),
         ("verdicts", "[3]", "verdicts.0: Input should be"),
         ("verdicts", '[{"subject": "s", "level": "good", "value": "", "sentence": "", "rule": ""}]', "0.level: Input"),
-        ("verdicts", '[{"subject": "s", "level": "fine", "value": "", "sentence": ""}]', "0.rule: Field required"),
+        ("verdicts", '[{"subject": "s", "level": "fine", "value": "", "sentence": ""}]', "0.rule: is missing"),
     ],
 )
 def test_a_note_of_another_kind_is_an_error(tmp_path: Path, name: str, value: Any, reason: str) -> None:
