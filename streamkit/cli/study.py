@@ -68,7 +68,7 @@ def conduct(
             click.echo(f"{products.text}\n")
         failed = grid.draw_pictures(products, out, options.pdf, options.column)
     if not silent:
-        click.echo(f"tables and picture{'s' * (len(products.pictures) > 1)}: {out}")
+        click.echo(f"tables{' and picture' * bool(products.pictures)}{'s' * (len(products.pictures) > 1)}: {out}")
     if failed:
         click.echo(f"streamkit: not drawn: {failed}; everything else is written", err=True)
     if products.stopped:

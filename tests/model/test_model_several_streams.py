@@ -136,7 +136,7 @@ def test_what_is_wrong_is_said_where_it_is(document, words):
 
 
 def test_every_stream_of_a_fit_needs_an_observable():
-    with pytest.raises(sk.SpecError, match=r"^stream.near.observable: there is none, .* for every stream"):
+    with pytest.raises(sk.SpecError, match=r"^run mapping: stream.near.observable: there is none, .* for every stream"):
         sk.Posterior(sk.load(pair("stream", "near", "observable", ...)))
 
 

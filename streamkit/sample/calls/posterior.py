@@ -40,11 +40,11 @@ class Posterior:
         self.model = Model(spec, fresh=emulated)
         self._emulated, self._streams = emulated, streams
         if streams and not spec.names:
-            raise SpecError("no field has a prior: a fit needs at least one free parameter")
+            raise SpecError(f"{spec.source}: no field has a prior: a fit needs at least one free parameter")
         bound = self._bind()
         measured = self.model.measured(bound)
         for name, inputs in bound.streams.items():
-            where = f"{spec.prefix(name)}observable"
+            where = f"{spec.source}: {spec.prefix(name)}observable"
             if not inputs.observables:
                 each = " for every stream" if len(bound.streams) > 1 else ""
                 raise SpecError(f"{where}: there is none, and a fit needs one with data{each}")

@@ -87,9 +87,9 @@ PRODUCTS = (DRAWS, TABLE, COVERAGE, PICTURE, RUN)
 
 
 def calibration_products(calibration: Calibration) -> Products:
-    """Return the draws, the coverage of the masses, and the picture of the ranks."""
+    """Return the draws, the coverage of the masses, and the picture of the ranks; one rank has none."""
     tables = {TABLE: draws_table(calibration), COVERAGE: coverage_table(calibration)}
-    pictures = {PICTURE: partial(calibration_figure, calibration)}
+    pictures = {PICTURE: partial(calibration_figure, calibration)} if len(calibration.draws) > 1 else {}
     text = describe_calibration(calibration)
     header: dict[str, Any] = {"draws": len(calibration.draws)}
     if calibration.method:

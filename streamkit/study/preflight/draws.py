@@ -177,7 +177,7 @@ def time_call(spec: Spec, theta: Array, first: float, *, compiled: bool) -> tupl
     try:
         call = Posterior(spec)
     except SpecError as error:
-        unfit = str(error)
+        unfit = str(error).removeprefix(f"{spec.source}: ")
     if first > SLOW and not compiled:
         return first, unfit
     begin = time.process_time()

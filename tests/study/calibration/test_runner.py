@@ -107,6 +107,7 @@ def test_coverage_of_uniform_ranks(spec):
     products = calibration_products(result)
     assert "68%" in products.text
     assert products.pictures["calibration.png"]().axes[0].get_title()
+    assert not calibration_products(uniform(spec, 1)).pictures  # as after an interruption
 
 
 def test_it_tells_how_many_fits_converged(spec):

@@ -271,9 +271,9 @@ def test_what_cannot_be_is_refused(run_file: Path, tmp_path: Path, arguments: li
 def test_a_run_file_without_priors_or_data_is_refused(run_file: Path) -> None:
     text = run_file.read_text()
     run_file.write_text(re.sub(r"= \{.*\}", "= 200", text))
-    assert "no field has a prior" in refused("sensitivity", run_file)
+    assert f"{run_file}: no field has a prior" in refused("sensitivity", run_file)
     run_file.write_text(text.partition("[observable]")[0])
-    assert "observable: there is none" in refused("sensitivity", run_file)
+    assert f"{run_file}: observable: there is none" in refused("sensitivity", run_file)
 
 
 def test_the_products_of_another_one_are_not_replaced(run_file: Path, tmp_path: Path) -> None:
