@@ -209,7 +209,7 @@ def test_an_example_is_valid_in_an_empty_directory(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     written = call("init", name).output
     spec = sk.load(f"{name}.toml")
-    assert spec.bind_all(spec.centre()).streams
+    assert spec.bind_all(spec.centre()).potentials
     assert {path.name for path in tmp_path.iterdir()} == {f"{name}.toml", *spec.files}
     assert all(file in written for file in spec.files)
     assert "../" not in (tmp_path / f"{name}.toml").read_text().replace("# ../", "").partition("[")[2]
