@@ -33,7 +33,7 @@ def test_it_is_certified(run):
 def test_its_page_says_so(run):
     (verdict,) = run[1].weighted.verdicts
     assert (verdict.subject, verdict.level) == ("fresh calls beside the emulator", "fine")
-    assert "1 of 1 start saw all of the posterior." in verdict.sentence
+    assert "1 of 1 start leads to all of the posterior." in verdict.sentence
     subjects = [each.subject for each in run[1].verdicts]
     assert verdict.subject in subjects
     assert "own noise" not in subjects  # that of a single call, which the emulator averages

@@ -10,6 +10,7 @@ from streamkit.builtin.samplers.emulator.density import Layout
 from streamkit.builtin.samplers.emulator.moves import Moves
 from streamkit.builtin.samplers.emulator.places import by_width
 from streamkit.builtin.samplers.emulator.populations import sample
+from streamkit.builtin.samplers.emulator.reach import unreached
 from streamkit.errors import StreamkitError
 
 pytestmark = pytest.mark.usefixtures("short_walks")
@@ -54,6 +55,20 @@ def test_trajectories_along_the_surface_leave_a_gaussian_as_it_is() -> None:
     assert moves.accepted[3] > 0.85
     assert_right(moved, mean, covariance)
     np.testing.assert_allclose(terms.total(1.0), target.terms(moved).total(1.0))
+
+
+def test_walkers_reach_a_posterior_from_beside_it_and_no_other_mode() -> None:
+    """From ten standard deviations beside one mode of two; the other one has 40 % of the samples."""
+    rng = np.random.default_rng(4)
+    target = Mixture(1, shared=0, own=6, data=12, apart=12.0, weight=0.4)
+    (weights, means, covariances) = target.modes()
+    modes = [rng.multivariate_normal(*each, 1000) for each in zip(means, covariances, strict=True)]
+    direction = np.linalg.eigh(covariances[0])[1][:, -1] * 10 * np.sqrt(np.linalg.eigvalsh(covariances[0])[-1])
+    begin = modes[0][:200] + direction
+    assert unreached(target, begin, modes[0], [1]) < 0.03
+    both = np.concatenate([modes[0][: int(1000 * weights[0])], modes[1][: int(1000 * weights[1])]])
+    assert unreached(target, begin, both, [1]) == pytest.approx(weights[1], abs=0.03)
+    assert unreached(target, np.concatenate([begin, modes[1][:200]]), both, [1]) < 0.03
 
 
 def test_half_of_the_calls_are_where_the_width_is_decided() -> None:

@@ -48,6 +48,7 @@ from streamkit.builtin.samplers.emulator.populations import (
     sample,
     tempered,
 )
+from streamkit.builtin.samplers.emulator.reach import leads_to
 from streamkit.builtin.samplers.emulator.recall import Recall, recall
 from streamkit.builtin.samplers.emulator.start import SOME, Known, Starter, begin_apart, own_error_of
 
@@ -70,8 +71,8 @@ SHARE = 0.5
 REDRAWN, LIKELY = 32, 0.9
 # Fraction of trends by chance that may be larger than one that counts.
 LEVEL = 0.05
-# Starts that must have seen all of the posterior, how many are made for that at most, and what one may miss.
-AGREEING, MOST_STARTS, MISSED = 2, 4, 0.05
+# Starts that must lead to all of the posterior, and how many are made for that at most.
+AGREEING, MOST_STARTS = 2, 4
 # Factor by which the covariance of the warm copy is widened for the tilt of the weights.
 WIDER = 2.0
 
@@ -312,7 +313,7 @@ class Rounds:
         now = replace(now, populations=tested)
         for each in known:
             each.blur = blur_of(each.emulated, every_so_often(tested.samples, 4 * SOME)[:, each.factor.columns])
-        if fault := apart(tested) or blurred(known) or self._unseen(known, tested):
+        if fault := apart(tested) or blurred(known) or self._unseen(known, tested, [*seed, 9]):
             return replace(now, missing=fault)
         trend, by_chance, faults = self._certified(known, tested, max_calls, seed)
         beyond = recall(known, now.joint, np.concatenate([*tested.last, *copies[-1]]), [*seed, 7])
@@ -330,8 +331,8 @@ class Rounds:
             missing = f"what fresh calls have taught moves the posterior by {change:.2f} standard deviations"
         return replace(now, joint=joint, populations=given, missing=missing)
 
-    def _unseen(self, known: Sequence[Known], result: Populations) -> str:
-        """Say whether too few starts saw all of the posterior, and make another one then.
+    def _unseen(self, known: Sequence[Known], result: Populations, seed: list[int]) -> str:
+        """Say whether too few starts lead to all of the posterior, and make another one then.
 
         A stream of several is not asked: its start alone need not have been where all of them together are.
         """
@@ -340,16 +341,15 @@ class Rounds:
         samples = every_so_often(result.samples, SOME)
         for each in known:
             wanted, mine = min(AGREEING, self._starts_of_each, len(each.starts)), samples[:, each.factor.columns]
-            lnl = each.emulated.ln_likelihood(mine)
-            made, seen = len(each.starts), sum(start.missed(mine, lnl) <= MISSED for start in each.starts)
-            each.seen = seen
+            alone, made = Joint([each.factor.alone], [each.emulated]), len(each.starts)
+            each.seen = seen = sum(leads_to(start, alone, mine, seed) for start in each.starts)
             if seen >= wanted:
                 continue
             if made < MOST_STARTS:
-                self._note(f"{each.factor.name}: {seen} of {made} starts saw all of the posterior: another one")
+                self._note(f"{each.factor.name}: {seen} of {made} starts lead to all of the posterior: another one")
                 self._starter.again(each)
-            return (f"only {seen} of {made} starts of {each.factor.name} saw all of the posterior: there may be modes "
-                    "that none of them saw")  # fmt: skip
+            return (f"only {seen} of {made} starts of {each.factor.name} lead to all of the posterior: there may be "
+                    "modes that none of them saw")  # fmt: skip
         return ""
 
     def _certified(

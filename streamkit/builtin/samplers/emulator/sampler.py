@@ -237,9 +237,10 @@ def _recalled(found: Recall) -> str:
 
 
 def _seen(progress: Progress) -> str:
-    """Say how many starts of a single stream saw all of the posterior; an empty text for a run of several."""
+    """Say how many starts of a single stream lead to all of the posterior; an empty text for a run of several."""
     return "".join(
-        f"{each.seen} of {len(each.starts)} start{'s' * (len(each.starts) > 1)} saw all of the posterior. "
+        f"{each.seen} of {len(each.starts)} start{'s lead' if len(each.starts) > 1 else ' leads'} to all of the "
+        "posterior. "
         for each in progress.known
         if each.seen is not None and any(start.draws for start in each.starts)
     )

@@ -92,7 +92,7 @@ class Known:
     starts
         Its independent starts.
     seen
-        How many of them saw all of the posterior; None before the end, and of one factor of several.
+        How many of them lead to all of the posterior; None before the end, and of one factor of several.
     alone
         The best emulated ln likelihood of the stream alone.
     own_error
