@@ -64,6 +64,8 @@ class Emulator:
     residual_variance, lack_of_fit
         (m,) in squared errors of the data: variance of the points about the fit, and how much of it is not noise: it
         does not average out.
+    scatter
+        (m, m) S of the covariance S' S of the points about the fit: data of a stream share its particles.
     unstated_variance, stated_variance, pairs
         (m,) in squared errors of the data: noise of a call beyond what the observable states, measured by pairs of
         calls; what it states; and the number of pairs.
@@ -86,6 +88,7 @@ class Emulator:
     leverage: Leverage
     chance: Array
     residual_variance: Array
+    scatter: Array
     lack_of_fit: Array
     unstated_variance: Array
     stated_variance: Array
@@ -143,7 +146,7 @@ class Emulator:
         """Return what other calls at the same points could have given: other noise, so other coefficients."""
         coefficients = self.mean.whole
         normal = rng.standard_normal((self.chance.shape[1], coefficients.shape[1]))
-        chance = self.chance @ normal * np.sqrt(self.residual_variance)
+        chance = self.chance @ (normal @ self.scatter)
         return replace(self, mean=LowRank(coefficients + chance))
 
     def ln_likelihood(self, y: Array, theta: Array, noise: bool = False, most_by_error: float = np.inf) -> Array:

@@ -167,6 +167,7 @@ def _fitted(problem: Problem, y: Array, answers: Answers, lnl: Array) -> Emulato
         leverage=basis.leverage(fit.root),
         chance=basis.of_features(fit.root),
         residual_variance=errors.residual,
+        scatter=errors.scatter,
         lack_of_fit=errors.lack_of_fit,
         unstated_variance=errors.unstated,
         stated_variance=errors.stated,
@@ -250,9 +251,10 @@ def _left_over(points: _Points, fit: Regression) -> float:
 
 
 class _Errors(NamedTuple):
-    """Variances in squared errors of the data, (m,) each, and the number of pairs of calls: see `Emulator`."""
+    """Variances in squared errors of the data, (m,), their covariance, and the number of pairs: see `Emulator`."""
 
     residual: Array
+    scatter: Array
     lack_of_fit: Array
     unstated: Array
     stated: Array
@@ -261,7 +263,8 @@ class _Errors(NamedTuple):
 
 def _errors(points: _Points, fit: Regression) -> _Errors:
     """Measure the error of a fit, and how much of it is noise of the calls."""
-    residual = error_of((fit.left * fit.out_without(points.pairs))[points.close])
+    out = fit.out_without(points.pairs)[points.close]
+    residual = error_of(fit.left[points.close] * out)
     both = points.close[points.pairs].all(axis=1)
     apart = (points.x[points.pairs[:, 0]] != points.x[points.pairs[:, 1]]).any(axis=1)  # one call has one noise
     pairs = points.pairs[both & apart]
@@ -269,7 +272,17 @@ def _errors(points: _Points, fit: Regression) -> _Errors:
     stated = points.typical_noise
     uncertain = 2 / points.close.sum() + np.where(more > 0, 2 / max(len(pairs), 1), 0.0)
     lack_of_fit = np.maximum(residual - (stated + more) * (1 + CHANCE * np.sqrt(uncertain)), 0.0)
-    return _Errors(residual, lack_of_fit, more, stated, len(pairs) if len(pairs) >= ENOUGH_PAIRS else 0)
+    known = len(pairs) if len(pairs) >= ENOUGH_PAIRS else 0
+    return _Errors(residual, _root(out, residual), lack_of_fit, more, stated, known)
+
+
+def _root(out: Array, variance: Array) -> Array:
+    """(m, m) Return S of a covariance S' S that has the correlation of residuals (n, m), and these variances (m,)."""
+    wild = np.sqrt(OUTLIER * np.maximum(np.median(out**2, axis=0) / 0.455, 1e-300))
+    some = np.clip(out, -wild, wild)
+    some /= np.sqrt(np.mean(some**2, axis=0) + 1e-300)
+    values, axes = np.linalg.eigh(some.T @ some / len(some))
+    return np.asarray(np.sqrt(np.maximum(values, 0.0))[:, None] * axes.T * np.sqrt(np.maximum(variance, 0.0)))
 
 
 def unstated(targets: Array, noise: Array) -> Array:
