@@ -26,10 +26,10 @@ from streamkit.testing import (
     use,
 )
 from streamkit.testing.common import Check, failures, title
-from streamkit.testing.contained import in_a_process
+from streamkit.testing.contained import in_a_process, killed
 from streamkit.testing.quick import quick_failures
 
-__all__ = ["check", "checks", "quick_failures"]
+__all__ = ["check", "checks", "killed", "quick_failures"]
 
 COMMON = (*common.COMMON, use.keeps_no_state, use.prints_nothing)
 

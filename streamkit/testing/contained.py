@@ -5,15 +5,30 @@ from __future__ import annotations
 import contextlib
 import io
 import json
+import multiprocessing
 import os
 import select
 import signal
 import sys
 import tempfile
+import time
 import warnings
 from collections.abc import Callable
 
 LIMIT = 900.0  # seconds for all the checks of a component
+
+
+def killed(work: Callable[[], object], when: Callable[[], bool], limit: float = 120.0) -> None:
+    """Do work in a forked process that is killed once ``when`` is true, or after so many seconds."""
+    process = multiprocessing.get_context("fork").Process(target=work)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".*fork", category=DeprecationWarning)  # this process has threads
+        process.start()
+    until = time.monotonic() + limit
+    while not when() and process.is_alive() and time.monotonic() < until:
+        time.sleep(0.02)
+    process.kill()
+    process.join()
 
 
 def in_a_process(work: Callable[[], list[str]], limit: float = LIMIT) -> list[str]:

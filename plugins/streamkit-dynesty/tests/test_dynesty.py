@@ -1,10 +1,8 @@
 """The sampler on a Gaussian in closed form, and on a stream of 3 ms: resumed, killed, stopped, with its products."""
 
-import multiprocessing
 import re
 import threading
 import time
-import warnings
 
 import numpy as np
 import pytest
@@ -12,7 +10,7 @@ from streamkit_dynesty import Dynesty
 from streamkit_dynesty.together import Together
 
 import streamkit as sk
-from streamkit.testing import check
+from streamkit.testing import check, killed
 
 SMALL = {"live_points": 40, "evidence_left": 0.5, "together": 4}
 RUN = {
@@ -79,15 +77,7 @@ def test_a_run_that_fails_on_the_way_goes_on_as_if_it_had_not(whole, tmp_path, m
 @pytest.mark.slow
 def test_a_killed_run_goes_on_as_if_it_had_not(whole, tmp_path):
     out = tmp_path / "run"
-    process = multiprocessing.get_context("fork").Process(target=fit, args=(out,))
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message=".*fork", category=DeprecationWarning)  # this process has threads
-        process.start()
-    until = time.monotonic() + 120
-    while not (out / "calls.journal").exists() and process.is_alive() and time.monotonic() < until:
-        time.sleep(0.02)
-    process.kill()
-    process.join()
+    killed(lambda: fit(out), (out / "calls.journal").exists)
     assert (out / "calls.journal").exists()
     same(fit(out, resume=True), whole)
 
