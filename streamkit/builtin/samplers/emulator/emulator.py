@@ -64,8 +64,8 @@ class Emulator:
     residual_variance, lack_of_fit
         (m,) in squared errors of the data: variance of the points about the fit, and how much of it is not noise: it
         does not average out.
-    scatter
-        (m, m) S of the covariance S' S of the points about the fit: data of a stream share its particles.
+    correlation
+        (m, m) of the points about the fit: data of a stream share its particles.
     unstated_variance, stated_variance, pairs
         (m,) in squared errors of the data: noise of a call beyond what the observable states, measured by pairs of
         calls; what it states; and the number of pairs.
@@ -88,7 +88,7 @@ class Emulator:
     leverage: Leverage
     chance: Array
     residual_variance: Array
-    scatter: Array
+    correlation: Array
     lack_of_fit: Array
     unstated_variance: Array
     stated_variance: Array
@@ -142,11 +142,18 @@ class Emulator:
         ln_exists = log_expit(few @ self.exists)
         return Predictions(mean, fit_variance, noise, details, ln_exists, np.maximum(r2 / self.trusted_r2, 1.0))
 
+    @cached_property
+    def _scatter(self) -> Array:
+        """(m, m) S of the covariance S' S of the points about the fit."""
+        values, axes = np.linalg.eigh(self.correlation)
+        root = np.sqrt(np.maximum(values, 0.0))[:, None] * axes.T
+        return np.asarray(root * np.sqrt(np.maximum(self.residual_variance, 0.0)))
+
     def redrawn(self, rng: np.random.Generator) -> Emulator:
         """Return what other calls at the same points could have given: other noise, so other coefficients."""
         coefficients = self.mean.whole
         normal = rng.standard_normal((self.chance.shape[1], coefficients.shape[1]))
-        chance = self.chance @ (normal @ self.scatter)
+        chance = self.chance @ (normal @ self._scatter)
         return replace(self, mean=LowRank(coefficients + chance))
 
     def ln_likelihood(self, y: Array, theta: Array, noise: bool = False, most_by_error: float = np.inf) -> Array:

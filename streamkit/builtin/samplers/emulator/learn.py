@@ -167,7 +167,7 @@ def _fitted(problem: Problem, y: Array, answers: Answers, lnl: Array) -> Emulato
         leverage=basis.leverage(fit.root),
         chance=basis.of_features(fit.root),
         residual_variance=errors.residual,
-        scatter=errors.scatter,
+        correlation=errors.correlation,
         lack_of_fit=errors.lack_of_fit,
         unstated_variance=errors.unstated,
         stated_variance=errors.stated,
@@ -251,10 +251,10 @@ def _left_over(points: _Points, fit: Regression) -> float:
 
 
 class _Errors(NamedTuple):
-    """Variances in squared errors of the data, (m,), their covariance, and the number of pairs: see `Emulator`."""
+    """Variances in squared errors of the data, (m,), correlations, and the number of pairs of calls: see `Emulator`."""
 
     residual: Array
-    scatter: Array
+    correlation: Array
     lack_of_fit: Array
     unstated: Array
     stated: Array
@@ -273,16 +273,15 @@ def _errors(points: _Points, fit: Regression) -> _Errors:
     uncertain = 2 / points.close.sum() + np.where(more > 0, 2 / max(len(pairs), 1), 0.0)
     lack_of_fit = np.maximum(residual - (stated + more) * (1 + CHANCE * np.sqrt(uncertain)), 0.0)
     known = len(pairs) if len(pairs) >= ENOUGH_PAIRS else 0
-    return _Errors(residual, _root(out, residual), lack_of_fit, more, stated, known)
+    return _Errors(residual, _correlation(out), lack_of_fit, more, stated, known)
 
 
-def _root(out: Array, variance: Array) -> Array:
-    """(m, m) Return S of a covariance S' S that has the correlation of residuals (n, m), and these variances (m,)."""
-    wild = np.sqrt(OUTLIER * np.maximum(np.median(out**2, axis=0) / 0.455, 1e-300))
-    some = np.clip(out, -wild, wild)
+def _correlation(residuals: Array) -> Array:
+    """(m, m) Return the correlation of residuals (n, m), the wildest cut."""
+    wild = np.sqrt(_wild(residuals**2))
+    some = np.clip(residuals, -wild, wild)
     some /= np.sqrt(np.mean(some**2, axis=0) + 1e-300)
-    values, axes = np.linalg.eigh(some.T @ some / len(some))
-    return np.asarray(np.sqrt(np.maximum(values, 0.0))[:, None] * axes.T * np.sqrt(np.maximum(variance, 0.0)))
+    return np.asarray(some.T @ some / len(some))
 
 
 def unstated(targets: Array, noise: Array) -> Array:
@@ -333,8 +332,13 @@ def whitening(y: Array, weight: Array) -> tuple[Array, Array]:
 
 def error_of(squares: Array) -> Array:
     """(k,) Means of squares (n, k), the wildest cut."""
-    top = OUTLIER * np.maximum(np.median(np.abs(squares), axis=0) / 0.455, 1e-300)
+    top = _wild(squares)
     return np.asarray(np.clip(squares, -top, top).mean(axis=0))
+
+
+def _wild(squares: Array) -> Array:
+    """(k,) Return the squares (n, k) beyond which residuals are cut."""
+    return np.asarray(OUTLIER * np.maximum(np.median(np.abs(squares), axis=0) / 0.455, 1e-300))
 
 
 def log_odds(terms: Array, there: Array, penalty: float) -> Array:

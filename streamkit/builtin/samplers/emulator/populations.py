@@ -143,6 +143,11 @@ class Population:
         self.beta = beta
         return self
 
+    def come(self, walkers: int, sweeps: int, used: int) -> Array:
+        """(n, d) Walk to the density from the likeliest places in so many sweeps, and return the places of the next."""
+        self.choose(walkers, 1.0).settle(sweeps)
+        return self.walk(used, self.moves())[0].reshape(-1, self.z.shape[1])
+
     def anneal(self, walkers: int, sweeps: int) -> Population:
         """Come to inverse temperature 1 in stages of so many sweeps."""
         slowest = 0.0

@@ -7,6 +7,8 @@ the posterior, there is one basin, and the start has found it. They do not come 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -23,17 +25,19 @@ NEAR, NEARLY_ALL = 1.5, 0.99
 MISSED = 0.05
 
 
-def leads_to(start: Start, alone: Joint, samples: Array, seed: list[int]) -> bool:
-    """Whether a start excludes none of these samples (n, d) of its stream's posterior, or walkers come to all of it."""
-    missed = start.missed(samples, alone.ln_likelihoods(samples)[:, 0])
-    return missed <= MISSED or unreached(alone, start.places, samples, seed) <= MISSED
+def leading(starts: Sequence[Start], alone: Joint, samples: Array, seed: list[int]) -> int:
+    """Return how many starts exclude none of these samples (n, d) of their stream's posterior, or lead to all of it."""
+    lnl = alone.ln_likelihoods(samples)[:, 0]
+    return sum(
+        start.missed(samples, lnl) <= MISSED or unreached(alone, start.places, samples, seed) <= MISSED
+        for start in starts
+    )
 
 
 def unreached(density: Density, begin: Array, samples: Array, seed: list[int]) -> float:
     """Return the fraction of samples (n, d) that no walker comes near which begins at one of these places (m, d)."""
     rng = np.random.default_rng(seed)
-    population = Population(density, begin, rng).choose(WALKERS, 1.0).settle(SWEEPS)
-    walked = population.walk(USED, population.moves())[0].reshape(-1, samples.shape[1])
+    walked = Population(density, begin, rng).come(WALKERS, SWEEPS, USED)
     white = np.linalg.inv(np.linalg.cholesky(np.atleast_2d(np.cov(walked.T)))).T
     one, other = np.array_split(rng.permutation(walked) @ white, 2)
     tree = cKDTree(one)

@@ -60,8 +60,7 @@ def recall(known: Sequence[Known], joint: Joint, begin: Array, seed: list[int]) 
     """Walk without the limit from places (n, d), call each factor beyond it, and keep the calls."""
     rng = np.random.default_rng(seed)
     free = joint.unlimited()
-    population = Population(free, begin, rng).choose(WALKERS, 1.0).settle(SWEEPS)
-    places = population.walk(USED, population.moves())[0].reshape(-1, begin.shape[1])
+    places = Population(free, begin, rng).come(WALKERS, SWEEPS, USED)
     added = free.ln_likelihoods(places) - joint.ln_likelihoods(places)
     shares, found, made = [], [0.0], 0
     for k, each in enumerate(known):

@@ -48,7 +48,7 @@ from streamkit.builtin.samplers.emulator.populations import (
     sample,
     tempered,
 )
-from streamkit.builtin.samplers.emulator.reach import leads_to
+from streamkit.builtin.samplers.emulator.reach import leading
 from streamkit.builtin.samplers.emulator.recall import Recall, recall
 from streamkit.builtin.samplers.emulator.start import SOME, Known, Starter, begin_apart, own_error_of
 
@@ -342,7 +342,7 @@ class Rounds:
         for each in known:
             wanted, mine = min(AGREEING, self._starts_of_each, len(each.starts)), samples[:, each.factor.columns]
             alone, made = Joint([each.factor.alone], [each.emulated]), len(each.starts)
-            each.seen = seen = sum(leads_to(start, alone, mine, seed) for start in each.starts)
+            each.seen = seen = leading(each.starts, alone, mine, seed)
             if seen >= wanted:
                 continue
             if made < MOST_STARTS:

@@ -195,8 +195,7 @@ class Starter:
             emulated = Emulated(space, emulator, small.add_noise, np.inf)
             pool = calls.z if places is None else np.concatenate([calls.z, places])
             population = Population(self._density(factor, emulated), pool, np.random.default_rng([*seed, 2, wave]))
-            population.choose(max(LEAST_WALKERS, WALKERS * d), 1.0).settle(SWEEPS)
-            places = population.walk(USED, population.moves())[0].reshape(-1, d)
+            places = population.come(max(LEAST_WALKERS, WALKERS * d), SWEEPS, USED)
             own_error = own_error_of(emulated, places)
             self._note(f"{factor.name}: {len(calls)} draws, the emulator's own error is {own_error:.1f} in ln L")
             if own_error < (ARRIVED if len(factor.own) else HOST_ARRIVED):
