@@ -42,23 +42,32 @@ def _sized(value: float) -> float:
     return value
 
 
+def spelled(unit: object) -> str:
+    """Return a unit as run files and documents write it: "km/s" where astropy has "km / s"."""
+    return str(unit).replace(" / ", "/")
+
+
 @dataclass(frozen=True)
 class Unit:
     """The unit of a field in the run file, and the factor that takes it to the engine's units.
 
-    As the mark of a field, ``Annotated[float, Unit("Msun / kpc3")]``, it makes a physical number of it: a quantity in
+    As the mark of a field, ``Annotated[float, Unit("Msun/kpc3")]``, it makes a physical number of it: a quantity in
     any unit of that dimension is read, and so is a prior. The types below are such numbers.
 
     Attributes
     ----------
     name
-        The unit by astropy's name, empty for a dimensionless number.
+        The unit by a name that astropy reads, as `spelled`; empty for a dimensionless number.
     to_internal
         Its size in the units of the engine: kpc, km/s, Msun, radians, kpc/(km/s).
     """
 
     name: str
     to_internal: float = 1.0
+
+    def __post_init__(self) -> None:
+        """Spell the name."""
+        object.__setattr__(self, "name", spelled(self.name))
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         """Read quantities with `parse`."""
@@ -119,8 +128,8 @@ class Unit:
 
 
 # The types a component's numeric fields are declared with. Each is spelled out, so that mypy reads it as float.
-_MASS, _LENGTH, _SPEED = Unit("Msun"), Unit("kpc"), Unit("km / s")
-_TIME, _ANGLE, _PM, _NUMBER = Unit("Gyr", GYR), Unit("deg", math.pi / 180.0), Unit("mas / yr"), Unit("")
+_MASS, _LENGTH, _SPEED = Unit("Msun"), Unit("kpc"), Unit("km/s")
+_TIME, _ANGLE, _PM, _NUMBER = Unit("Gyr", GYR), Unit("deg", math.pi / 180.0), Unit("mas/yr"), Unit("")
 # The units of fields by the name of a type.
 UNITS = {
     "Mass": _MASS, "Length": _LENGTH, "Speed": _SPEED, "Duration": _TIME, "Angle": _ANGLE, "ProperMotion": _PM,
@@ -131,7 +140,7 @@ UNITS = {
 def unit_called(name: str) -> Unit:
     """Return a unit by the name that astropy reads; ValueError if there is none."""
     for unit in UNITS.values():
-        if unit.name.replace(" ", "") == name.replace(" ", ""):
+        if unit.name == spelled(name):
             return unit
     from astropy import units as u  # slow to import, and the usual units do not need it
 

@@ -18,7 +18,7 @@ from pydantic_core import CoreSchema, core_schema
 
 from streamkit.errors import SpecError, expect_file, nearest
 from streamkit.stream import Array
-from streamkit.units import Unit
+from streamkit.units import Unit, spelled
 
 if TYPE_CHECKING:
     from astropy.table import Table
@@ -78,7 +78,7 @@ class Files:
 
     def stated_unit(self, name: str, column: str) -> str:
         """Return the unit that a table states for a column; empty if it states none."""
-        return str(self._table(name)[column].unit or "")
+        return spelled(self._table(name)[column].unit or "")
 
     def header(self, name: str) -> dict[str, Any]:
         """Return what a table says of itself beside its columns; ValueError if the file holds none."""
@@ -137,10 +137,10 @@ class Files:
                 given = u.Unit(str(given_unit or "")) if file_unit is None else file_unit
             return float((given or u.dimensionless_unscaled).to(unit.name or u.dimensionless_unscaled))
         except (ValueError, u.UnitConversionError):
-            text = given_unit if file_unit is None else file_unit
+            text = spelled(given_unit if file_unit is None else file_unit)
             raise ValueError(
-                f"{where}: found the unit {str(text)!r}, expected {unit.label} or one like it"
-                + FOREIGN.get((str(text), unit.name), "")
+                f"{where}: found the unit {text!r}, expected {unit.label} or one like it"
+                + FOREIGN.get((text, unit.name), "")
             ) from None
 
     def _table(self, name: str) -> Table:

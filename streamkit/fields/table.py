@@ -15,7 +15,7 @@ from streamkit.errors import nearest
 from streamkit.fields.arrays import ANY, POSITIVE, ArrayOf, array_schema
 from streamkit.fields.files import Files
 from streamkit.stream import Array
-from streamkit.units import Unit, unit_called
+from streamkit.units import Unit, spelled, unit_called
 
 KEYS = ("file", "columns", "units")
 
@@ -211,8 +211,8 @@ class Columns:
                 columns[name] = self._mark(name).checked(column, lambda place: f"row {place[0] + 1}")
             except ValueError as error:
                 called = renamed.get(name, name)
-                stated = files.stated_unit(file, called) or units.get(name, "")
-                other = stated.replace(" ", "") != self.units[name].name.replace(" ", "")
+                stated = files.stated_unit(file, called) or spelled(units.get(name, ""))
+                other = stated != self.units[name].name
                 why = f", after conversion from the unit {stated!r}: is that the unit?" if stated and other else ""
                 why = self._exchanged(name, read, wanted) or why
                 raise ValueError(f"column {called!r} of {file!r}: {error}{why}") from None

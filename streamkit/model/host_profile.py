@@ -24,14 +24,14 @@ PROFILE: dict[str, ProfileColumn] = {
         "mass inside the sphere of radius r by Gauss's law, r^2 <-a_r> / G with the mean force over the sphere; a "
         "force along one direction, as gala's mass_enclosed takes, differs by some per cent for a disc",
     ),
-    "v_c": ProfileColumn("km / s", r"$v_{\rm c}(R)$ [km s$^{-1}$]",
+    "v_c": ProfileColumn("km/s", r"$v_{\rm c}(R)$ [km s$^{-1}$]",
                          "circular velocity in the plane, sqrt(R <-a_R>) with the mean around the axis"),
     "q": ProfileColumn("", r"$q_\Phi$",
                        "flattening of the potential 45 deg above the plane, sqrt(z a_R / (R a_z)); 1 for a sphere"),
-    "v_esc": ProfileColumn("km / s", r"$v_{\rm esc}(R)$ [km s$^{-1}$]",
+    "v_esc": ProfileColumn("km/s", r"$v_{\rm esc}(R)$ [km s$^{-1}$]",
                            "escape speed to infinity in the plane; infinite where the potential has no limit, as in a "
                            "logarithmic halo; none without a potential energy"),
-    "rho": ProfileColumn("Msun / kpc3", r"$\rho(r)$ [$M_\odot$ kpc$^{-3}$]",
+    "rho": ProfileColumn("Msun/kpc3", r"$\rho(r)$ [$M_\odot$ kpc$^{-3}$]",
                          "mean density on the sphere of radius r, dM/dr / (4 pi r^2)"),
 }  # fmt: skip
 

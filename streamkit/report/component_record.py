@@ -76,9 +76,9 @@ def _unit(field: FieldInfo) -> str:
     """Return the unit of a field, the units of its columns, or a dash."""
     table, array = columns_of(field), array_of(field)
     if table is not None:
-        return ", ".join(f"{name} {unit.name.replace(' ', '')}".rstrip() for name, unit in table.units.items())
+        return ", ".join(f"{name} {unit.name}".rstrip() for name, unit in table.units.items())
     unit = array.unit if array is not None else unit_of(field)
-    return (unit.name if unit else datum_unit(field)).replace(" ", "") or "-"
+    return (unit.name if unit else datum_unit(field)) or "-"
 
 
 def _allowed(field: FieldInfo) -> str:

@@ -10,6 +10,7 @@ from pydantic_core import to_json
 
 from streamkit.components import Measurement
 from streamkit.stream import Prediction
+from streamkit.units import spelled
 
 if TYPE_CHECKING:
     from astropy.table import QTable
@@ -22,7 +23,7 @@ def as_json(value: Any) -> str:
 
 def table_record(table: QTable) -> dict[str, Any]:
     """Return the rows of a table as mappings of plain numbers, and the units of its columns."""
-    units = {name: str(table[name].unit) for name in table.colnames if table[name].unit is not None}
+    units = {name: spelled(table[name].unit) for name in table.colnames if table[name].unit is not None}
     columns = [getattr(table[name], "value", table[name]) for name in table.colnames]
     rows = [dict(zip(table.colnames, row, strict=True)) for row in zip(*columns, strict=True)]
     return {"units": units, "rows": rows}

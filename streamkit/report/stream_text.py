@@ -111,7 +111,7 @@ def describe_stream(
     rows = []
     for path, value in fields(spec.document):
         if path in free:
-            rows.append((path, number(free[path]["value"], free[path]["unit"].replace(" ", "")), "prior's centre"))
+            rows.append((path, number(free[path]["value"], free[path]["unit"]), "prior's centre"))
         elif path in changed:
             rows.append((path, value, "set"))
     counts = [

@@ -66,7 +66,7 @@ class Prior(ABC):
 def quantity(value: float, unit: Unit) -> float | str:
     """Write a value as the resolved run file does: ``"8.0 kpc"``, or the bare number if there is no unit."""
     if unit.name:
-        return f"{value!r} {unit.name.replace(' ', '')}"
+        return f"{value!r} {unit.name}"
     return value if math.isfinite(value) else repr(value)
 
 

@@ -32,7 +32,7 @@ class _OrHost(Unit):
 
 
 # A speed in km/s, zero or more, or the text "host".
-TiedSpeed = Annotated[Annotated[float, Field(ge=0)] | Literal["host"], _OrHost("km / s")]
+TiedSpeed = Annotated[Annotated[float, Field(ge=0)] | Literal["host"], _OrHost("km/s")]
 
 
 class Sun(BaseModel):

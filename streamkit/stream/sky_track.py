@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 # The columns of a track, with their units by astropy's names.
 TRACK_UNITS = {
-    "phi2": "deg", "distance": "kpc", "pm_phi1_cosphi2": "mas / yr", "pm_phi2": "mas / yr", "radial_velocity": "km / s",
+    "phi2": "deg", "distance": "kpc", "pm_phi1_cosphi2": "mas/yr", "pm_phi2": "mas/yr", "radial_velocity": "km/s",
 }  # fmt: skip
 STEP = 0.5  # step of the default grid of longitudes, in kernels
 FEWEST = 5.0  # fewest particles under the kernel: with fewer a track has no value

@@ -82,8 +82,8 @@ HIDDEN = {
     "a speed in km/s (Speed)": (-0.5, 0.5),
     "a time (Duration; in acceleration it is in kpc/(km/s))": (1.5, -0.5),
     "one over a time (declare the time, a Duration, and divide by it; or Annotated[float, Unit(...)])": (-1.5, 0.5),
-    "a density (Annotated[float, Unit('Msun / kpc3')])": (-3, 1),
-    "a mass over a length (Annotated[float, Unit('Msun / kpc')], or a Speed)": (-1, 1),
+    "a density (Annotated[float, Unit('Msun/kpc3')])": (-3, 1),
+    "a mass over a length (Annotated[float, Unit('Msun/kpc')], or a Speed)": (-1, 1),
 }
 # A description with a unit that no type has, such as km/s/kpc.
 NAMED = re.compile(r"\b(kpc|pc|Mpc|km/s|km / s|Msun|Gyr|Myr|mas|deg|rad)\b")

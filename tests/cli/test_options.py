@@ -36,7 +36,7 @@ def test_check_as_json_and_quietly(run_file: Path):
     spec = sk.load(run_file)
     assert found["digest"] == spec.digest()
     assert list(found["parameters"]) == list(spec.names)
-    assert found["parameters"]["potential.v0"] == {"prior": "uniform(190, 230)", "centre": 210, "unit": "km / s"}
+    assert found["parameters"]["potential.v0"] == {"prior": "uniform(190, 230)", "centre": 210, "unit": "km/s"}
     assert found["prior_draws"]["draws"] == 2
     (stream,) = found["streams"].values()
     assert stream["pericentres"][0] < stream["apocentres"][0]

@@ -24,7 +24,7 @@ def spec_with(**values: Any) -> sk.Spec:
 def test_entries_with_priors_are_free_parameters() -> None:
     spec = spec_with()
     assert spec.names[:2] == NAMES
-    assert spec.units[:2] == ("km / s", "km / s")
+    assert spec.units[:2] == ("km/s", "km/s")
     assert spec.symbols[:2] == NAMES
     assert spec.centre()[:2].tolist() == [230.0, 195.0]
     assert [p.support for p in spec.priors[:2]] == [(-math.inf, math.inf), (180.0, 210.0)]
@@ -64,7 +64,7 @@ def test_entries_are_set_by_their_number() -> None:
     ("v_c", "said"),
     [
         ([{"normel": [230, 10]}, 1, 1, 1], r"potential.v_c.0: no prior is called 'normel'. Did you mean 'normal'"),
-        ([{"uniform": [230, "10 kpc"]}, 1, 1, 1], r"potential.v_c.0: .*expected a quantity in km / s"),
+        ([{"uniform": [230, "10 kpc"]}, 1, 1, 1], r"potential.v_c.0: .*expected a quantity in km/s"),
         ([{"uniform": [-10, 300]}, 1, 1, 1], r"potential.v_c: a prior reaches outside the field's range"),
         ({"normal": [230, 10]}, "takes no prior"),
     ],

@@ -143,7 +143,7 @@ def test_a_table_has_many_forms(folder: Path) -> None:
         ({"r": {"file": "v.ecsv", "column": "r"}}, "no column 'r'. Did you mean 'R'"),
         ({"r": {"file": "v.ecsv"}}, "which column of 'v.ecsv'"),
         ({"r": {"file": "v.ecsv", "colum": "R"}}, "no key 'colum'. Did you mean 'column'"),
-        ({"r": {"file": "v.ecsv", "column": "v_c"}}, "found the unit 'km / s', expected kpc"),
+        ({"r": {"file": "v.ecsv", "column": "v_c"}}, "found the unit 'km/s', expected kpc"),
         ({"r": {"file": "v.ecsv", "column": "bare"}}, "gives no unit, expected one like kpc"),
         ({"r": {"file": "v.csv", "column": "R", "unit": "kpcs"}}, "found the unit 'kpcs', expected kpc"),
         ({"r": {"file": "v.txt", "column": "R"}}, "'.txt'"),

@@ -105,7 +105,7 @@ def test_a_broken_component_is_named_by_model_and_commands(tmp_path: Path, name:
         for text in BROKEN[name]:
             assert text in message
     for message in told:
-        assert "Parameters: potential.v0 = 210.0 km / s, progenitor.mass = 5196152" in message
+        assert "Parameters: potential.v0 = 210.0 km/s, progenitor.mass = 5196152" in message
 
 
 def test_the_exception_is_the_cause(tmp_path: Path) -> None:

@@ -4,11 +4,12 @@ import math
 
 import numpy as np
 import pytest
+from astropy import units as u
 from scipy import integrate, stats
 
 from streamkit.runfile import LogUniform, Normal, Prior, TruncatedNormal, Uniform
 from streamkit.runfile.priors import PRIORS, parse, usage
-from streamkit.units import GYR, Unit
+from streamkit.units import GYR, Unit, spelled, unit_called
 
 KPC, NONE = Unit("kpc"), Unit("")
 
@@ -109,7 +110,17 @@ def test_bad_priors_say_what_is_wrong(table: dict[str, object], parts: list[str]
         assert part in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("astropy", "ours"),
+    [("km / s", "km/s"), ("km/s", "km/s"), ("km2 / (kpc s2)", "km2/(kpc s2)"), ("", "")],
+)
+def test_units_are_spelled_as_in_run_files(astropy: str, ours: str) -> None:
+    assert spelled(u.Unit(astropy)) == spelled(astropy) == ours
+    assert Unit(astropy).name == unit_called(astropy).name == ours
+    assert u.Unit(ours) == u.Unit(astropy)
+
+
 def test_usage_and_text_name_the_numbers() -> None:
     assert usage(PRIORS["truncated_normal"]) == "{ truncated_normal = [mean, sd, low, high] }"
-    assert Uniform(40.0, 400.0).text("km / s") == "uniform(40, 400) km / s"
+    assert Uniform(40.0, 400.0).text("km/s") == "uniform(40, 400) km/s"
     assert Uniform(0.0, 1.0).text() == "uniform(0, 1)"

@@ -79,7 +79,7 @@ def test_the_section_decides_which_fields_there_are(load) -> None:
 def test_what_it_refuses_is_told_with_its_place(load) -> None:
     with pytest.raises(sk.SpecError, match=r"run\.toml: observable: mass is no density"):
         load(mass=1)
-    with pytest.raises(sk.SpecError, match=r"observable\.density_1: expected a quantity in Msun / kpc3 or a unit like"):
+    with pytest.raises(sk.SpecError, match=r"observable\.density_1: expected a quantity in Msun/kpc3 or a unit like"):
         load(density_1="8 kpc")
 
 

@@ -21,7 +21,7 @@ from streamkit.runfile.reader import DEFAULT_KIND
 def test_names_priors_and_units_in_file_order() -> None:
     spec = sk.load(BASE)
     assert spec.names == ("potential.v0", "progenitor.mass", "progenitor.lookback", "stripping.sigma")
-    assert spec.units == ("km / s", "Msun", "Gyr", "km / s")
+    assert spec.units == ("km/s", "Msun", "Gyr", "km/s")
     np.testing.assert_allclose(spec.centre(), [220.0, math.sqrt(1e17), 5.0, 10.0])
     turned = {"stripping": BASE["stripping"]} | BASE
     assert sk.load(turned).names[0] == "stripping.sigma"
@@ -85,7 +85,7 @@ def test_values_outside_a_field_are_out_of_domain() -> None:
     [
         ({"potential.v00": 1}, "Did you mean 'potential.v0'?"),
         ({"potential.rs": 1}, "fixed in the run file"),
-        ({"potential.v0": "1 kpc"}, "potential.v0: expected a quantity in km / s"),
+        ({"potential.v0": "1 kpc"}, "potential.v0: expected a quantity in km/s"),
         (np.zeros(3), "shape (3,), expected (4,)"),
     ],
 )

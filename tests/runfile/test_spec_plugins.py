@@ -49,7 +49,7 @@ def test_paths_of_plugins_stay_as_written(plugin_run: Path, monkeypatch: pytest.
 def test_plugins_are_validated_as_strictly(plugin_run: Path) -> None:
     result = sk.load(plugin_run).registry
     for fields, part in [
-        ({"v": -1}, "potential.v: found -1 km / s, should be greater than 0 (Speed far out)"),
+        ({"v": -1}, "potential.v: found -1 km/s, should be greater than 0 (Speed far out)"),
         ({"v": 1, "cor": 1}, "potential.cor: the potential 'cored' has no field 'cor'. Did you mean 'core'?"),
         ({"v": 1, "core": 6}, "potential.core: found 6: a core is at most 5 kpc (Core radius)"),
         (

@@ -129,7 +129,7 @@ def test_equal_errors_of_streams_are_one_line_with_their_names() -> None:
     for table in run["stream"].values():
         table["stripping"]["sigma"] = -1
     (line,) = error_of(run).splitlines()
-    assert line.startswith("run mapping: stream.s0.stripping.sigma: found -1 km / s")
+    assert line.startswith("run mapping: stream.s0.stripping.sigma: found -1 km/s")
     assert line.endswith("(the same in s1, s2, s3, s4, s5 and 34 more)")
     run = with_("stream", "b", "table", "b.ecsv")
     run["stream"]["c"]["table"] = "b.ecsv"
@@ -185,7 +185,7 @@ def test_streams_may_have_files_of_their_own(tmp_path: Path) -> None:
         (STREAM | {"progenitor": PLACE | {"distance": -3}}, "b.toml: progenitor.distance: found -3 kpc"),
         (STREAM | {"frame": "GD2"}, "b.toml: frame: there is no frame 'GD2'"),
         (STREAM | {"potential": {}}, "b.toml: potential: no section of a stream."),
-        (STREAM | {"stripping": {"sigma": -1}}, "b.toml: stripping.sigma: found -1 km / s"),
+        (STREAM | {"stripping": {"sigma": -1}}, "b.toml: stripping.sigma: found -1 km/s"),
         (STREAM | {"progenitor": {**PLACE, "v_los": 3, "v_loss": 3}}, "b.toml: progenitor.v_loss: the progenitor"),
     ],
 )

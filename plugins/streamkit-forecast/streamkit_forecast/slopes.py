@@ -15,7 +15,7 @@ import numpy as np
 
 from streamkit import Array, BoolArray, IntArray, Spec, StreamkitError
 from streamkit.runfile import DATA
-from streamkit.study.grid import run_jobs
+from streamkit.study.grid import ended_before, run_jobs
 from streamkit_forecast.coordinates import Coordinates
 from streamkit_forecast.predict import Added, Job, Part, Predicted, evaluate, packed, parts
 
@@ -186,7 +186,7 @@ def _calls(searches: Sequence[Search], seeds: range, workers: int, done: Callabl
         jobs = {key: job for search in left for key, job in search.jobs(seeds).items()}
         new, stopped = run_jobs(evaluate, jobs, workers, done)
         if stopped:
-            raise StreamkitError(f"{searches[0].spec.source}: {stopped} before the slopes were known")
+            raise ended_before(searches[0].spec.source, stopped, "the slopes were known")
         found |= new
         for search in left:
             search.centre(found, 0)

@@ -35,7 +35,7 @@ def bounds_table(found: Forecast) -> QTable:
     table["value"] = [each.value for each in of]
     table["sd"] = Column([bound.sd[i] for bound, i in pairs], description="bound of the standard deviation")
     table["sd_error"] = Column([bound.error[i] for bound, i in pairs], description="its error by the slopes' noise")
-    table["unit"] = [each.unit.replace(" ", "") or "1" for each in of]
+    table["unit"] = [each.unit or "1" for each in of]
     return table
 
 
@@ -54,7 +54,7 @@ def gains_table(found: Forecast) -> QTable:
 
 def describe(found: Forecast, target: Quantity) -> str:
     """Return the tables as text for a terminal."""
-    names = [f"{each.name} [{each.unit.replace(' ', '')}]" if each.unit else each.name for each in found.quantities]
+    names = [f"{each.name} [{each.unit}]" if each.unit else each.name for each in found.quantities]
     rows = [["", "value", *(bound.data for bound in found.bounds)]]
     for i, (name, quantity) in enumerate(zip(names, found.quantities, strict=True)):
         rows.append([name, number(quantity.value), *(_cell(bound, i) for bound in found.bounds)])
@@ -89,7 +89,7 @@ def _remark(found: Forecast) -> str:
 
 def _best(found: Forecast, target: Quantity) -> list[list[str]]:
     which = found.quantities.index(target)
-    rows = [["stream", "column", "error", "phi1 [deg]", f"sd [{target.unit.replace(' ', '') or '1'}]", "of now"]]
+    rows = [["stream", "column", "error", "phi1 [deg]", f"sd [{target.unit or '1'}]", "of now"]]
     now = target.sd(found.covariance())
     for gain in sorted(found.gains, key=lambda each: float(each.sd[:, which].min())):
         rows.append(_row(gain, which, now))

@@ -323,6 +323,15 @@ def test_options_that_are_wrong_are_explained(tmp_path, monkeypatch, arguments, 
     assert __import__("re").search(message, done.stderr), done.stderr
 
 
+def test_an_interruption_has_its_status(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("run.toml").write_text(TRACK.replace("particles = 800", "particles = 60"))
+    monkeypatch.setattr("streamkit_forecast.slopes.run_jobs", lambda *_: ({}, "interrupted"))
+    done = CliRunner().invoke(main, ["forecast", "run.toml", "--seeds", "1", "-q"])
+    assert done.exit_code == 130
+    assert "interrupted before the slopes were known" in done.stderr
+
+
 def test_a_run_file_without_anything_to_forecast_is_refused():
     document = tomllib.loads(RUN)
     with pytest.raises(SpecError, match="nothing is measured"):

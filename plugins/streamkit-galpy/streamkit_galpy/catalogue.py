@@ -15,18 +15,18 @@ from typing import Any
 PARSED = {
     "length": "kpc",
     "length_kpc": "kpc",
-    "velocity": "km / s",
-    "velocity_kms": "km / s",
+    "velocity": "km/s",
+    "velocity_kms": "km/s",
     "angle": "deg",
     "frequency": "km / (s kpc)",
     "time": "Gyr",
     "mass": "Msun",
-    "dens": "Msun / kpc3",
-    "surfdens": "Msun / kpc2",
-    "energy": "km2 / s2",
+    "dens": "Msun/kpc3",
+    "surfdens": "Msun/kpc2",
+    "energy": "km2/s2",
 }
 # Units by galpy's ``amp_units``.
-AMPLITUDES = {"mass": "Msun", "velocity2": "km2 / s2", "density": "Msun / kpc3", "surfacedensity": "Msun / kpc2"}
+AMPLITUDES = {"mass": "Msun", "velocity2": "km2/s2", "density": "Msun/kpc3", "surfacedensity": "Msun/kpc2"}
 SCALES = ("ro", "vo")
 ABSTRACT = {"Potential", "CompositePotential", "WrapperPotential", "NullPotential"}
 WRAPPED = "pot_"  # how the name and the parameters of the potential in a wrapper begin

@@ -95,7 +95,7 @@ def test_mwpotential2014_is_the_paper():
     assert error(acceleration(disc, halo, bulge), acceleration(made("MWPotential2014"))).max() < 1e-10
 
 
-UNITS = {"kpc": 3.0, "Msun": 5e10, "km2 / s2": 2e4, "Msun / kpc3": 1e7, "Msun / kpc2": 1e8, "deg": 20.0}
+UNITS = {"kpc": 3.0, "Msun": 5e10, "km2/s2": 2e4, "Msun/kpc3": 1e7, "Msun/kpc2": 1e8, "deg": 20.0}
 
 
 def physical(name):

@@ -16,9 +16,9 @@ from streamkit_hosts.expansion import tabulated
 from streamkit_hosts.table import PRECISION, check_rows
 
 UNITS = {
-    "t": "Gyr", "R": "kpc", "z": "kpc", "phi": "km2 / s2", "dphi_dR": "km2 / (kpc s2)", "dphi_dz": "km2 / (kpc s2)",
+    "t": "Gyr", "R": "kpc", "z": "kpc", "phi": "km2/s2", "dphi_dR": "km2 / (kpc s2)", "dphi_dz": "km2 / (kpc s2)",
 }  # fmt: skip
-PATH = {"t": "Gyr", **dict.fromkeys("xyz", "kpc"), **dict.fromkeys(("vx", "vy", "vz"), "km / s")}
+PATH = {"t": "Gyr", **dict.fromkeys("xyz", "kpc"), **dict.fromkeys(("vx", "vy", "vz"), "km/s")}
 WORDS = {"multipole": "halo", "cylspline": "disc", "uniform_acceleration": "acceleration"}
 
 

@@ -103,7 +103,7 @@ def test_a_draw_is_the_stream_at_its_parameters(spec, whole):
         prediction = spec.bind(theta).observable.predict(model.stream(theta))
         assert np.array_equal(mean, prediction.mean)
     assert found["theta_names"].astype(str).tolist() == list(spec.names)
-    assert found["theta_units"].astype(str).tolist() == ["km / s", "km / s"]
+    assert found["theta_units"].astype(str).tolist() == ["km/s", "km/s"]
     assert found["x_names"].astype(str).tolist() == list(prediction.names)
     assert np.array_equal(found["x_observed"], [0, 0, 0, 20, 20, 20])
     assert np.array_equal(found["x_error"], [0.5, 1, 2, 1, 1, 1])

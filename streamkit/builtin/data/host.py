@@ -18,7 +18,7 @@ class RotationCurve(sk.HostData):
         "table": {"R": [6.0, 10.0, 20.0], "v_c": [231.0, 228.0, 204.0], "error": [1.5, 1.0, 5.0]}
     }
 
-    table: Annotated[sk.Table, sk.Columns(R="kpc", v_c="km / s", error="km / s").positive("R", "v_c", "error")] = Field(
+    table: Annotated[sk.Table, sk.Columns(R="kpc", v_c="km/s", error="km/s").positive("R", "v_c", "error")] = Field(
         description="Cylindrical radii, circular velocities and their independent errors."
     )
     systematic: sk.Number = Field(

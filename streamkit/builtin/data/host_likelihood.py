@@ -190,7 +190,7 @@ def _among_known(rows: Any, there: sk.BoolArray, x: sk.Array) -> sk.BoolArray:
 
 def _unit_of(column: Any) -> str:
     """Return the unit of a column as run files have it: astropy writes solar masses in two ways."""
-    return "" if column.unit is None else str(column.unit).replace("solMass", "Msun")
+    return "" if column.unit is None else sk.Unit(str(column.unit)).name.replace("solMass", "Msun")
 
 
 def _interpolator(x: sk.Array, values: sk.Array, errors: sk.Array, meta: Mapping[str, Any]) -> Any:

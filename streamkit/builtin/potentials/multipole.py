@@ -40,7 +40,7 @@ class Multipole(Potential):
     example = {"table": _example()}
     reference = "Binney & Tremaine 2008, eq. 2.95"
 
-    table: Annotated[Table, Columns(l="", m="", r="kpc", phi="km2 / s2").optional(t="Gyr")] = Field(
+    table: Annotated[Table, Columns(l="", m="", r="kpc", phi="km2/s2").optional(t="Gyr")] = Field(
         description="Phi_lm(r): columns l, m, r and phi, with every pair of l and m at the same four radii or more; "
         "and t in Gyr, 0 today, if they change in time, with all other rows at each time."
     )

@@ -184,7 +184,7 @@ class Results:
         # A narrow terminal leaves out columns in the middle: with this order it still shows medians and intervals.
         table = QTable({"parameter": list(self.names), "median": levels[""], "lo68": levels["lo68"]})
         table["hi68"] = levels["hi68"]
-        table["unit"] = [unit.replace(" ", "") or "1" for unit in self.spec.units]
+        table["unit"] = [unit or "1" for unit in self.spec.units]
         table["best"] = list(self.best().values())
         table["autocorrelation_time"], table["effective_samples"], table["r_hat"] = self.tau, self.ess, self.r_hat
         table["lo95"], table["hi95"] = levels["lo95"], levels["hi95"]

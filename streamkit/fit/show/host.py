@@ -120,7 +120,7 @@ def orbits_table(objects: Mapping[str, Moving]) -> QTable:
 
 def describe_host(profile: QTable, objects: Mapping[str, Moving], note: str = "") -> str:
     """Return both tables as text for a terminal, with the definition of each column."""
-    units = {name: column.unit.replace(" ", "") for name, column in PROFILE.items()}
+    units = {name: column.unit for name, column in PROFILE.items()}
     head = ["r [kpc]", *(f"{name} [{unit}]" if unit else name for name, unit in units.items())]
     rows = [[f"{row['r'].value:g}", *(_cell(row, name) for name in PROFILE)] for row in profile]
     parts = [paragraph(note)] if note else []

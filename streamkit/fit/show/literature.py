@@ -21,7 +21,7 @@ from streamkit.stream import Array
 # The axis ratio of the potential of the whole host at a position, and of the density of its halo.
 POTENTIAL, DENSITY = "q_Phi", "q_rho"
 # The quantities that a table may hold, and their units.
-UNITS = {"M": "Msun", "v_c": "km / s", POTENTIAL: "", DENSITY: ""}
+UNITS = {"M": "Msun", "v_c": "km/s", POTENTIAL: "", DENSITY: ""}
 NUMBERS = ("radius", "value", "error_minus", "error_plus")
 COLUMNS = ("quantity", *NUMBERS, "reference")
 MARKERS = "sD^vopP*hX"

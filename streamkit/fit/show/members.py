@@ -15,6 +15,7 @@ from streamkit.fit.show.figures import remark
 from streamkit.observe import parts_of
 from streamkit.report import VERMILION, NotebookFigure, finish
 from streamkit.stream import Array
+from streamkit.units import spelled
 
 WIDE, HIGH = 9.0, 2.3  # inches of a row of panels
 LIKELY = 0.5
@@ -38,7 +39,7 @@ def members(results: Results) -> Figure:
         label, phi1, mean, width = tracks.get(name, {}).get(column, ("", *np.full((3, 1), np.nan)))
         for line, style in ((mean, "-"), (mean - width, "--"), (mean + width, "--")):
             axes.plot(phi1, line, style, color="black", lw=0.8)
-        axes.set_ylabel(label or f"{column} [{stars[column].unit}]")
+        axes.set_ylabel(label or f"{column} [{spelled(stars[column].unit)}]")
         axes.set_xlabel(r"$\phi_1$ [deg]" + (f" of {name}" if len(set(table["stream"])) > 1 else ""))
         finish(axes)
     if drawn is not None:

@@ -99,7 +99,7 @@ def _parameters(results: Results) -> Iterator[dict[str, Any]]:
     for row, unit, prior, x, n_eff in zip(
         results.summary(), spec.units, spec.priors, results.samples.T, results.draws.trusted_ess, strict=True
     ):
-        more = {"prior": prior.text(unit.replace(" ", "")), "contraction": contraction(prior_fractions(prior, x))}
+        more = {"prior": prior.text(unit), "contraction": contraction(prior_fractions(prior, x))}
         yield {**dict(zip(row.colnames, row, strict=True)), **more, "n_eff": n_eff}
 
 

@@ -17,7 +17,7 @@ from streamkit.model import Model
 from streamkit.runfile import Spec
 from streamkit.stream import Prediction, Stream
 from streamkit.study.ablation.measures import Portrait, compare, match_rate, observables, portrait_of, pulls
-from streamkit.study.grid import INTERRUPTED, run_jobs
+from streamkit.study.grid import INTERRUPTED, ended_before, run_jobs
 
 NBODY = "N-body"  # the title of a snapshot
 WARM = 64  # particles of the stream that loads the machine code before the time is measured
@@ -175,6 +175,8 @@ def run_ablation(
                 outcome.blame(f"the reference has no observables: {error}")
             outcome.measures[seed] = {**measures, "cpu": cpu[seed, i]}
     first = next((outcome.first for outcome in outcomes if outcome.first), None)
+    if first is None and stopped == INTERRUPTED:
+        raise ended_before(spec.source, stopped, "the first variant was finished")
     if first is None:
         reasons = "; ".join(f"{o.variant.label}: {', '.join(o.reasons)}" for o in outcomes)
         raise StreamkitError(f"{spec.source}: no variant has a stream. {reasons}")

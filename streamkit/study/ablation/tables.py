@@ -50,12 +50,12 @@ PRINTED = (
         "cpu": Measure(False, "CPU", "s", "CPU seconds of one stream with its observables"),
     },
     {
-        "energy_offset": Measure(True, "dE", "km2 / s2", "mean energy of the tail minus the progenitor's"),
-        "energy_distance": Measure(False, "E", "km2 / s2", "Wasserstein distance of the unbound particles' energies "
+        "energy_offset": Measure(True, "dE", "km2/s2", "mean energy of the tail minus the progenitor's"),
+        "energy_distance": Measure(False, "E", "km2/s2", "Wasserstein distance of the unbound particles' energies "
                                    "from the reference's"),
-        "angular_momentum_offset": Measure(True, "dL", "kpc km / s", "mean angular momentum of the tail minus the "
+        "angular_momentum_offset": Measure(True, "dL", "kpc km/s", "mean angular momentum of the tail minus the "
                                            "progenitor's"),
-        "angular_momentum_distance": Measure(False, "L", "kpc km / s", "Wasserstein distance of the angular momenta "
+        "angular_momentum_distance": Measure(False, "L", "kpc km/s", "Wasserstein distance of the angular momenta "
                                              "from the reference's"),
     },
 )  # fmt: skip
@@ -171,7 +171,7 @@ def _part(rows: Sequence[Row], measures: Mapping[str, Measure]) -> str:
     """Show one of the printed tables, and below it what its columns mean."""
     head, names, notes = ["variant"], [], []
     for base, measure in measures.items():
-        unit = f" [{measure.unit}]".replace("km2 / s2", "(km/s)^2").replace(" / ", "/") if measure.unit else ""
+        unit = f" [{measure.unit}]".replace("km2/s2", "(km/s)^2") if measure.unit else ""
         notes.append(paragraph(f"{measure.meaning}{unit}", f"    {measure.head}: ", "      "))
         for arm in ARMS if measure.of_arms else ("",):
             names.append(f"{base}_{arm}" if arm else base)

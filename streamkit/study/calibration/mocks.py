@@ -19,7 +19,7 @@ from streamkit.report import DamagedError, origin, save, save_table
 from streamkit.runfile import Spec
 from streamkit.sample import Posterior
 from streamkit.stream import Array, Prediction
-from streamkit.study.grid import run_jobs
+from streamkit.study.grid import ended_before, run_jobs
 
 TRIES = 1000  # largest number of draws for a truth with a measurable stream
 TRUTHS = "truths.ecsv"  # the parameters of every draw: the other method may not read it
@@ -132,7 +132,7 @@ def write_mocks(
     jobs = {index: (spec, truth or spec, index, out) for index in range(draws)}
     thetas, stopped = run_jobs(_write, jobs, workers, done)
     if not thetas:
-        raise StreamkitError(f"{spec.source}: {stopped} before the first draw was finished")
+        raise ended_before(spec.source, stopped, "the first draw was finished")
     table = QTable({"draw": sorted(thetas)}, meta={**origin(spec), "digest": _digest(spec, truth)})
     columns = np.array([thetas[index] for index in sorted(thetas)]).T
     for name, unit, column in zip(spec.names, spec.units, columns, strict=True):

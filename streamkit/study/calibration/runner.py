@@ -18,7 +18,7 @@ from streamkit.stream import Array
 from streamkit.study.calibration.draw import Draw, make_draw, rank_samples
 from streamkit.study.calibration.method import Method, name_of, read_samples
 from streamkit.study.calibration.mocks import read_truths
-from streamkit.study.grid import run_jobs
+from streamkit.study.grid import ended_before, run_jobs
 
 DRAWS = "draws.jsonl"  # the finished draws, one in a line, below the digest of their run file
 
@@ -103,7 +103,7 @@ def calibrate(
     new, stopped = run_jobs(_work, jobs, workers, done)
     every = {**earlier, **new}
     if not every:
-        raise StreamkitError(f"{spec.source}: {stopped} before the first draw was finished")
+        raise ended_before(spec.source, stopped, "the first draw was finished")
     return Calibration(spec, tuple(every[index] for index in sorted(every)), stopped, truth, name)
 
 

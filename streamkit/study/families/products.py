@@ -9,7 +9,9 @@ from astropy import units as u
 from astropy.table import Column, QTable
 from matplotlib.figure import Figure
 
+from streamkit.components import ChainSampler
 from streamkit.report import BAND_68, BAND_95, NotebookFigure, columns, paragraph, ticks
+from streamkit.runfile import Spec
 from streamkit.stream import Array
 from streamkit.study.families.average import LEVELS, average
 from streamkit.study.families.runner import Families, best_ln_likelihoods
@@ -123,8 +125,7 @@ def describe_families(found: Families, table: QTable) -> str:
         )
     elif found.unknown:
         note += (
-            f"The weights are equal: no evidence is known of {', '.join(found.unknown)}. The sampler emulator "
-            "gives one when its fit is certified (raise sampler.max_calls and --resume); nautilus and dynesty do too."
+            f"The weights are equal: no evidence is known of {', '.join(found.unknown)}. {remedy(found.spec)}"
         )
     else:
         note += (
@@ -132,6 +133,16 @@ def describe_families(found: Families, table: QTable) -> str:
             "of the hosts. The spread does not depend on weights."
         )
     return f"{columns(rows)}\n\n{paragraph(note)}"
+
+
+def remedy(spec: Spec) -> str:
+    """Return how to come to evidences, from what the sampler of the run file can do."""
+    sampler = spec.sampler
+    if isinstance(sampler, ChainSampler):
+        return f"The sampler {sampler.kind} gives none: take --sampler emulator, nautilus or dynesty, and another -o."
+    if "max_calls" in type(sampler).model_fields:
+        return f"The sampler {sampler.kind} gives one when it ends by its rule: raise sampler.max_calls and --resume."
+    return "The samplers emulator, nautilus and dynesty give one when they end by their rules."
 
 
 def picture(found: Families, profile: QTable) -> Figure:

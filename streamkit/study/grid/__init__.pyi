@@ -3,6 +3,7 @@ from .data_groups import by_column as by_column
 from .data_groups import rms as rms
 from .jobs import DIED as DIED
 from .jobs import INTERRUPTED as INTERRUPTED
+from .jobs import ended_before as ended_before
 from .jobs import run_jobs as run_jobs
 from .products import Products as Products
 from .products import draw_pictures as draw_pictures

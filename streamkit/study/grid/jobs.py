@@ -8,7 +8,7 @@ from collections.abc import Callable, Hashable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import TypeVar
 
-from streamkit.errors import Interrupted
+from streamkit.errors import Interrupted, StreamkitError
 from streamkit.sample import POLL, WorkerDied, pool
 
 INTERRUPTED = "interrupted"
@@ -53,6 +53,12 @@ def run_jobs(
     except (KeyboardInterrupt, Interrupted):  # the latter from a fit, which takes the signal first
         stopped = INTERRUPTED
     return results, stopped
+
+
+def ended_before(source: str, stopped: str, what: str) -> StreamkitError:
+    """Return the error of a study that ``stopped`` before it had a result: `Interrupted` after Ctrl-C and SIGTERM."""
+    kind = Interrupted if stopped == INTERRUPTED else StreamkitError
+    return kind(f"{source}: {stopped} before {what}")
 
 
 @contextmanager

@@ -53,8 +53,8 @@ SLIPS: dict[str, tuple[Slip, ...]] = {
             lambda x, error: error / np.abs(x) / LN10_5,
         ),
     ),
-    "km / s": (_factor("m/s", 1e-3),),
-    "mas / yr": (_factor("arcsec/yr", 1e3), _factor("microarcsec/yr", 1e-3)),
+    "km/s": (_factor("m/s", 1e-3),),
+    "mas/yr": (_factor("arcsec/yr", 1e3), _factor("microarcsec/yr", 1e-3)),
     "deg": (_factor("rad", 180 / np.pi),),
 }
 HOURS = _factor("hours", 15.0)  # of a right ascension: no longitude along a stream is given in hours

@@ -26,7 +26,7 @@ def describe_spec(spec: Spec) -> str:
         return "\n\n".join([*parts, "free parameters: none"])
     rows = [("parameter", "prior", "centre", "unit")]
     rows += [
-        (name, prior.text(), f"{centre:.4g}", unit.replace(" ", "") or "-")
+        (name, prior.text(), f"{centre:.4g}", unit or "-")
         for name, prior, centre, unit in zip(spec.names, spec.priors, spec.centre(), spec.units, strict=True)
         if not (are_many(spec) and name.startswith("stream."))
     ]

@@ -16,7 +16,7 @@ from streamkit.observe import UNNAMED
 from streamkit.runfile import ONLY, Spec
 from streamkit.sample import Evaluation, Posterior
 from streamkit.stream import Data
-from streamkit.study.grid import run_jobs
+from streamkit.study.grid import ended_before, run_jobs
 from streamkit.study.sensitivity.curves import Curve, curve_of, prior_grid, with_fixed
 from streamkit.units import datum_unit
 
@@ -127,11 +127,11 @@ def run_sensitivity(
     curves = []
     for name, (i, x, thetas) in grids.items():
         if all((theta, seed) in evaluations for theta in thetas for seed in range(seeds)):
-            unit = spec.units[i].replace(" ", "")
+            unit = spec.units[i]
             by_point = [[evaluations[at, k] for k in range(seeds)] for at in thetas]
             curves.append(curve_of(name, unit, spec.priors[i], values[name], x, by_point))
     if not curves:
-        raise StreamkitError(f"{spec.source}: {stopped} before the first parameter was finished")
+        raise ended_before(spec.source, stopped, "the first parameter was finished")
     units = _units(spec, observables)
     return Sensitivity(spec, values, observables, units, first.data, seeds, tuple(curves), stopped)
 

@@ -56,8 +56,8 @@ def changed(path: Path, column: str, row: int, value: float) -> None:
         ("rotation_curve/eilers2019", "R", 0.0, "data.rotation_curve.table: column 'R' of "
          "'../rotation_curve/eilers2019.ecsv': row 3 is 0 kpc, expected positive"),
         ("rotation_curve/eilers2019", "R", -5.0, "row 3 is -5 kpc, expected positive"),
-        ("rotation_curve/eilers2019", "v_c", -200.0, "row 3 is -200 km / s, expected positive"),
-        ("rotation_curve/eilers2019", "error", 0.0, "row 3 is 0 km / s, expected positive"),
+        ("rotation_curve/eilers2019", "v_c", -200.0, "row 3 is -200 km/s, expected positive"),
+        ("rotation_curve/eilers2019", "error", 0.0, "row 3 is 0 km/s, expected positive"),
         ("sagittarius_track/ramos2020", "depth_error", 0.0, "column 'depth_error' of 'ramos2020.ecsv': row 3 is 0 kpc"),
     ],
 )  # fmt: skip
@@ -176,7 +176,7 @@ def rewritten(path: Path, old: str, new: str) -> Path:
         ("gd1/gd1", "radial_velocity_outliers = { uniform = [0, 0.5] }", "radial_velocity_outliers = 1",
          "observable.radial_velocity_outliers: found 1, should be less than 1"),
         ("gd1/gd1", 'radial_velocity_dispersion = { uniform = ["0 km/s", "30 km/s"] }',
-         'radial_velocity_dispersion = "-1 km/s"', "found -1.0 km / s, should be greater than or equal to 0"),
+         'radial_velocity_dispersion = "-1 km/s"', "found -1.0 km/s, should be greater than or equal to 0"),
         ("gd1/gd1", 'stars = ["radial_velocity"]', 'stars = ["radial_velocty"]', "Did you mean 'radial_velocity'?"),
         ("gd1/gd1", 'stars = ["radial_velocity"]', 'stars = ["distance_modulus"]', "observable.stars: found "
          "['distance_modulus']: there is no table of 'distance_modulus'; there is phi2, distance, pm_phi1_cosphi2"),

@@ -40,7 +40,7 @@ def test_netcdf_holds_walkers_as_chains_with_predictions_and_data(run, tmp_path)
     with xarray.open_datatree(tmp_path / "samples.nc", engine="h5netcdf") as tree:
         v0 = tree["posterior"]["potential.v0"]
         assert v0.dims == ("chain", "draw")
-        assert v0.attrs["units"] == "km / s"
+        assert v0.attrs["units"] == "km/s"
         np.testing.assert_array_equal(v0, run.kept[..., 0].T)
         np.testing.assert_array_equal(tree["sample_stats"]["lp"], run.log_prob[run.discard :].T)
         mean = tree["predictions"]["mean"]

@@ -191,7 +191,7 @@ def test_a_broken_component_is_named_with_the_parameters(mocked, mode, words):
     posterior = mocked(mode)
     with pytest.raises(sk.ComponentError) as caught:
         posterior.evaluate(np.array([220.0, 0.3]))
-    for word in ["observable counter", *words, "potential.v0 = 220.0 km / s", "potential.alpha = 0.3"]:
+    for word in ["observable counter", *words, "potential.v0 = 220.0 km/s", "potential.alpha = 0.3"]:
         assert word in str(caught.value)
     assert isinstance(caught.value.__cause__, ZeroDivisionError if mode == "raise" else type(None))
 

@@ -211,6 +211,10 @@ def test_an_interruption_keeps_what_is_finished(
     table = QTable.read(tmp_path / "out" / "ablation.ecsv")
     assert table["reason"].filled("").tolist() == ["", "interrupted"]
     assert table["length_leading"][0] > 0
+    monkeypatch.setattr("streamkit.study.ablation.runner.run_jobs", lambda *_: ({}, "interrupted"))
+    result = call("ablate", run_file, GRAVITY, *HERE, "-o", tmp_path / "none")
+    assert result.exit_code == 130
+    assert "interrupted before the first variant was finished" in result.stderr
 
 
 @pytest.mark.parametrize(

@@ -117,7 +117,7 @@ def test_samples_that_cannot_be_ranked_are_refused(spec, given, text):
 
 def test_samples_outside_the_prior_are_refused_but_for_rounding(spec):
     bounded = spec.with_values({NAME: {"uniform": [100, 300]}})
-    with pytest.raises(sk.StreamkitError, match=r"10 of 50 .*outside its prior, 100 to 300 km / s .*check the unit"):
+    with pytest.raises(sk.StreamkitError, match=r"10 of 50 .*outside its prior, 100 to 300 km/s .*check the unit"):
         as_samples(np.append(GOOD[:40], np.full(10, 301.0))[:, None], bounded, "here")
     rounded = as_samples(np.append(GOOD, 300.00001)[:, None], bounded, "here")
     assert rounded.max() == 300.0

@@ -13,7 +13,8 @@ from scipy.stats import norm
 
 import streamkit as sk
 from streamkit.cli.main import main
-from streamkit.study.calibration import Calibration, Draw, calibrate, calibration_products
+from streamkit.errors import Interrupted
+from streamkit.study.calibration import Calibration, Draw, calibrate, calibration_products, write_mocks
 from streamkit.study.calibration.draw import make_draw
 from streamkit.study.calibration.runner import DRAWS, read_draws
 
@@ -91,6 +92,13 @@ def test_draws_of_another_run_file_are_refused(short, tmp_path):
     calibrate(short, tmp_path / "out", 1)
     with pytest.raises(sk.StreamkitError, match="belong to another run file"):
         calibrate(short.with_values({"stripping.sigma": 5.0}), tmp_path / "out", 1, resume=True)
+
+
+def test_an_interruption_before_the_first_draw_is_one(short, tmp_path, monkeypatch):
+    for module, study in (("runner", calibrate), ("mocks", write_mocks)):
+        monkeypatch.setattr(f"streamkit.study.calibration.{module}.run_jobs", lambda *_: ({}, "interrupted"))
+        with pytest.raises(Interrupted, match="interrupted before the first draw was finished"):
+            study(short, tmp_path / module, 1)
 
 
 def uniform(spec, n):

@@ -15,6 +15,7 @@ from scipy.stats import norm
 import streamkit as sk
 from streamkit.errors import Interrupted
 from streamkit.study.families import average, stacking_weights, weights_of
+from streamkit.study.families.products import remedy
 
 RUN = """
 seed = 3
@@ -163,6 +164,15 @@ def test_an_interruption_says_how_to_go_on_with_all_fits(tmp_path: Path, monkeyp
     result = call("families", tmp_path / "run.toml", "--host", tmp_path / "other.toml", "-o", tmp_path / "out")
     assert result.exit_code == 143
     assert "interrupted; 0 of 2 fits are finished; --resume goes on" in " ".join(result.output.split())
+
+
+def test_how_to_come_to_an_evidence_names_fields_that_the_sampler_has(tmp_path: Path) -> None:
+    (tmp_path / "run.toml").write_text(RUN)
+    spec = sk.load(tmp_path / "run.toml")
+    assert remedy(spec).endswith("emulator gives one when it ends by its rule: raise sampler.max_calls and --resume.")
+    chain = remedy(spec.with_sampler("emcee"))
+    assert chain.startswith("The sampler emcee gives none: take --sampler emulator")
+    assert "max_calls" not in chain
 
 
 def test_two_hosts_of_one_name_are_refused(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from runfiles import RUN
 
 import streamkit as sk
 from streamkit.errors import Interrupted, StreamkitError
-from streamkit.study.grid import DIED, INTERRUPTED, Products, draw_pictures, run_jobs, write_tables
+from streamkit.study.grid import DIED, INTERRUPTED, Products, draw_pictures, ended_before, run_jobs, write_tables
 
 JOBS = {"a": 1, "b": 2, "c": 3}
 
@@ -53,6 +53,14 @@ def test_every_job_is_done_wherever(workers: int) -> None:
     found = run_jobs(square, JOBS, workers, lambda: calls.append(1))
     assert found == ({"a": 1, "b": 4, "c": 9}, "")
     assert len(calls) == 3
+
+
+def test_an_end_before_a_result_is_an_interruption_only_after_a_signal() -> None:
+    stopped, died = (ended_before("a.toml", why, "the first draw was finished") for why in (INTERRUPTED, DIED))
+    assert str(stopped) == "a.toml: interrupted before the first draw was finished"
+    assert isinstance(stopped, Interrupted)
+    assert stopped.exit_status == 130
+    assert not isinstance(died, Interrupted)
 
 
 @pytest.mark.parametrize("work", [terminate_at_two, interrupt_a_fit_at_two])
