@@ -105,8 +105,8 @@ class ChainSampler(Sampler):
 
     stopping: ClassVar[tuple[str, ...]] = ("steps", "tau_factor", "r_hat")
 
-    walkers: int = Field(default=32, ge=2, description="Number of walkers, at least twice the free parameters.")
-    steps: int = Field(default=5000, ge=1, description="Largest length of the chain, in steps per walker.")
+    walkers: int = Field(default=32, ge=2, le=10**5, description="Walkers, at least twice the free parameters.")
+    steps: int = Field(default=5000, ge=1, le=10**8, description="Largest length of the chain, in steps per walker.")
     tau_factor: float = Field(
         default=50.0, gt=0, description="Stop when the chain is longer than so many autocorrelation times."
     )
@@ -118,6 +118,7 @@ class ChainSampler(Sampler):
     start_particles: int = Field(
         default=1000,
         ge=2,
+        le=10**7,
         description="Particles of the streams in the search for a start, at most the run's number. Where an observable "
         "depends on a small part of the debris, small streams cannot show it: take more.",
     )

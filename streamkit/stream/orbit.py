@@ -114,5 +114,6 @@ class Orbit:
             s = self.at(t)
             rv_t = sign * (s.q * s.v).sum(axis=0)
             slope = sign * ((s.v**2).sum(axis=0) + (s.q * s.a).sum(axis=0))
-            t = np.clip(t - rv_t / slope, self.t[i], self.t[i + 1])
+            step = np.divide(rv_t, slope, out=np.zeros_like(t), where=slope != 0)  # 0 on a circle
+            t = np.clip(t - step, self.t[i], self.t[i + 1])
         return np.asarray(t)

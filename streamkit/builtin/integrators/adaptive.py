@@ -10,6 +10,9 @@ from pydantic import Field
 import streamkit as sk
 from streamkit import engine  # loaded when it is used: it brings numba, and listing plugins need not wait for it
 
+# A circular orbit turns by so many radians in a step, at most: a third of a revolution, where the leapfrog is unstable.
+LARGEST_ETA = 2.0
+
 
 class Adaptive(sk.Integrator):
     """Splitting whose step follows each particle's own dynamical time, by powers of two per block.
@@ -35,10 +38,14 @@ class Adaptive(sk.Integrator):
         default="rkn4", description="4 forces a step, or 6 and some thirty times as accurate for equal steps."
     )
     eta: sk.PositiveNumber = Field(
-        default=0.4, description="Longest step in units of sqrt(distance/acceleration) about the Galactic centre."
+        default=0.4,
+        le=LARGEST_ETA,
+        description="Longest step in units of sqrt(distance/acceleration) about the Galactic centre.",
     )
     eta_progenitor: sk.PositiveNumber = Field(
-        default=0.45, description="Longest step in units of sqrt(distance/acceleration) about the progenitor."
+        default=0.45,
+        le=LARGEST_ETA,
+        description="Longest step in units of sqrt(distance/acceleration) about the progenitor.",
     )
     deepest: int = Field(default=7, ge=0, le=20, description="A block takes at most 2 to this power steps.")
 

@@ -17,8 +17,8 @@ class Reference(sk.Integrator):
     order = 8
     drag = True
 
-    rtol: sk.PositiveNumber = Field(default=1e-10, description="Relative tolerance.")
-    atol: sk.PositiveNumber = Field(default=1e-10, description="Absolute tolerance, in kpc and km/s.")
+    rtol: sk.PositiveNumber = Field(default=1e-10, le=1e-3, description="Relative tolerance.")
+    atol: sk.PositiveNumber = Field(default=1e-10, le=0.1, description="Absolute tolerance, in kpc and km/s.")
 
     def advance(self, field: engine.Field, q: sk.Array, v: sk.Array, t0: sk.Array, t1: float) -> None:
         """Advance in place; to NaN if a force is not finite. Each particle's time runs linearly in s from 0 to 1."""

@@ -29,6 +29,7 @@ class OrbitSummary:
     returns: bool  # whether the progenitor has another apocentre ahead
     # smallest and largest tidal radius in kpc within the look-back time; NaN where there is none.
     r_tidal: tuple[float, float]
+    fastest: float = float("nan")  # largest angular velocity in radians per Gyr within the look-back time; NaN likewise
     # smallest and largest distance of every body from the Galactic centre in kpc within the look-back time.
     bodies: dict[str, tuple[float, float]] = field(default_factory=dict)
 
@@ -52,8 +53,9 @@ def summarise_orbit(inputs: StreamInputs) -> OrbitSummary:
         track = stripped(inputs, progenitor_track(host, inputs))
         completed = len(track.apocentres())
         r_tidal = float(track.r_tidal.min()), float(track.r_tidal.max())
+        fastest = float(track.omega.max()) * GYR
     except OutOfDomain:
-        completed, r_tidal = int((apo > -inputs.lookback * GYR).sum()), (np.nan, np.nan)
+        completed, r_tidal, fastest = int((apo > -inputs.lookback * GYR).sum()), (np.nan, np.nan), np.nan
     orbits = host.paths(-inputs.lookback * GYR).bodies if host.bodies and np.isfinite(r_tidal[0]) else {}
     return OrbitSummary(
         pericentres=_radii(past, peri),
@@ -63,6 +65,7 @@ def summarise_orbit(inputs: StreamInputs) -> OrbitSummary:
         completed=completed,
         returns=next_apocentre(host, inputs) is not None,
         r_tidal=r_tidal,
+        fastest=fastest,
         bodies={name: (float(orbit.r.min()), float(orbit.r.max())) for name, orbit in orbits.items()},
     )
 

@@ -16,6 +16,7 @@ from streamkit.stream import Stream, sky_matrix
 from streamkit.study.preflight.draws import PriorDraws
 from streamkit.study.preflight.header_warnings import SAME_FRAME, angle_between, header_warnings
 from streamkit.study.preflight.orbit import HORIZON, OrbitSummary, summarise_orbit
+from streamkit.study.preflight.size_warnings import size_warnings
 from streamkit.testing import quick_failures
 
 # Ranges that contain all recent measurements of the Sun's position and of the rotation speed there.
@@ -39,7 +40,7 @@ def stream_warnings(spec: Spec, inputs: StreamInputs, orbit: OrbitSummary) -> li
     """Return the warnings about one stream: its orbit, its progenitor, its frames and its stripping scheme."""
     about_orbit, about_progenitor = orbit_warnings(spec, inputs, orbit), progenitor_warnings(inputs, orbit)
     about_frames = frame_warnings(spec, inputs) + header_warnings(spec, inputs) + origin_warnings(spec, inputs)
-    return [*about_orbit, *about_progenitor, *about_frames, *live_warnings(spec, inputs)]
+    return [*about_orbit, *about_progenitor, *about_frames, *size_warnings(inputs, orbit), *live_warnings(spec, inputs)]
 
 
 def orbit_warnings(spec: Spec, inputs: StreamInputs, orbit: OrbitSummary) -> list[str]:

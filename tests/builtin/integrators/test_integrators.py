@@ -4,9 +4,10 @@ import itertools
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from streamkit import GYR, G, Orbit, Potential
-from streamkit.builtin.integrators.adaptive import Adaptive
+from streamkit.builtin.integrators.adaptive import LARGEST_ETA, Adaptive
 from streamkit.builtin.integrators.fixed_step import ForestRuth, Leapfrog
 from streamkit.builtin.integrators.reference import Reference
 from streamkit.builtin.potentials.closed_forms import Isochrone, Kepler, Plummer, TruncatedFlat
@@ -43,6 +44,22 @@ def kepler(t):
     q = A * ((c - E) * X + root * s * Y)
     v = A * rate * (-s * X + root * c * Y)
     return q[:, None], v[:, None]
+
+
+@pytest.mark.parametrize("method", [LEAPFROG, PEFRL, RKN4])
+def test_the_longest_step_is_the_last_stable_one_of_the_leapfrog(method):
+    """A step of an oscillator of frequency 1 is a linear map of determinant 1, stable where its trace is below 2."""
+
+    def trace(step):
+        state = np.eye(2)
+        for drift, kick in itertools.zip_longest(method.drift, method.kick, fillvalue=0.0):
+            state = np.array([[1, 0], [-kick * step, 1]]) @ np.array([[1, drift * step], [0, 1]]) @ state
+        return abs(np.trace(state))
+
+    assert max(map(trace, np.linspace(0.01, 0.99 * LARGEST_ETA, 100))) < 2
+    assert (trace(1.01 * LARGEST_ETA) > 2) == (method is LEAPFROG)
+    with pytest.raises(ValidationError, match="less than or equal to 2"):
+        Adaptive(eta=1.01 * LARGEST_ETA)
 
 
 @pytest.mark.parametrize("cls", DEFAULTS)
