@@ -92,6 +92,17 @@ def test_the_variance_is_the_scatter_over_seeds() -> None:
         assert ((ratio > 0.8) & (ratio < 1.3)).all(), ratio
 
 
+def test_a_few_particles_have_the_spread_of_many() -> None:
+    """At 25 particles under a kernel, where those at other longitudes have ten times the spread."""
+    spreads = []
+    for seed in range(300):
+        rng = np.random.default_rng(seed)
+        phi = rng.uniform(-60, 60, 600)
+        y = 0.2 * phi + rng.normal(0, np.where(phi < 10, 1.0, 10.0))
+        spreads.append(local_lines(gather(phi, y[None], np.ones(600)), np.array([-40, -20, 30, 45]), 2.0).spread[0])
+    assert np.mean(spreads, axis=0) == pytest.approx([1, 1, 10, 10], rel=0.06)
+
+
 def test_beyond_the_debris_the_density_falls_smoothly_and_the_variance_grows() -> None:
     at = np.linspace(60, 200, 300)
     found = local_lines(debris(3), at, kernel=2.0)

@@ -27,7 +27,7 @@ STEPS, SETTLED = 60, 1e-3  # of expectation and maximisation; the change of any 
 NARROWEST = 0.01  # least width of the stream, of the standard deviation of all stars in the column
 LEAST_CHANCE = 1e-6
 LEAST_SHARE, MOST_SHARE = 1e-3, 1 - 1e-3  # of the stars at a knot that are of the stream
-FEW = 5.0  # stars at a knot from which its share is known
+FEW = 5.0  # stars at a knot from which its share and its spread are known
 BROAD = 0.5  # of the standard deviation of all stars: the error where no star tells
 
 
@@ -150,9 +150,11 @@ def _fitted(stars: Catalogue, chance: Array, kernel: float) -> tuple[Array, Arra
         value = stars.values[name]
         rows = np.flatnonzero(np.isfinite(value))
         lines = local_lines(gather(stars.phi1[rows], [value[rows]], chance[rows]), stars.knots.phi1, kernel)
-        of_errors = _mean_variance(stars, name, chance)
-        spread2 = np.maximum(lines.spread[0] ** 2 - of_errors, 0.0)
-        parts.append((lines.value[0], lines.variance[0], spread2, np.exp(np.minimum(lines.ln_count, 30.0))))
+        spread2, count = lines.spread[0] ** 2, np.exp(np.minimum(lines.ln_count, 30.0))
+        # A few stars near each other would make a narrow stream of their own.
+        spread2 += FEW / (count + FEW) * (np.average(spread2, weights=count + 1e-9) - spread2)
+        spread2 = np.maximum(spread2 - _mean_variance(stars, name, chance), 0.0)
+        parts.append((lines.value[0], lines.variance[0], spread2, count))
     mean, variance, spread2, count = (np.array(part) for part in zip(*parts, strict=True))
     return mean, variance, spread2, count
 

@@ -27,7 +27,7 @@ ARMS = {"leading": 1, "trailing": -1}
 
 TURN = 360.0  # degrees
 SEAM = 90.0  # degrees from the nearest debris: beyond, debris on the other side of the sky has no influence
-LN_MOST = 300.0  # largest ln of a number of particles: its exponential is finite
+LN_MOST = 170.0  # largest ln of a number of particles: the fourth power of its exponential is finite
 LN_TINY = -20.0  # ln n below which 1 - exp(-n) is n
 FINE, MANY = 0.125, 200  # kernels between the nodes of splines, and number of longitudes below which none are used
 TILE, BLOCK = 12, 512  # lines that are fitted together, and particles that are summed together
@@ -137,6 +137,7 @@ def local_lines(debris: Debris, at: Array, kernel: float, enough: float = ENOUGH
 
     With fewer than ``enough`` particles under a kernel the slope shrinks towards zero, by a ridge of
     kernel^2 enough / count, and the spread towards its mean over all longitudes; 0 gives plain weighted least squares.
+    The mean may be many times the spread: its share falls as 1 / count^4, far below the noise of the spread.
     ``depth`` is the column for whose spread the variance is computed; -1 for none.
     """
     order = np.argsort(at)
@@ -149,12 +150,12 @@ def local_lines(debris: Debris, at: Array, kernel: float, enough: float = ENOUGH
             part[..., tile] = piece
     value, noise, square, leverage, drift, fourth, count = parts
     number = np.exp(np.minimum(count, LN_MOST))
-    few = enough / (number + enough)
+    few, pooled = enough / (number + enough), enough**4 / (number**4 + enough**4)
     sure = number + 1e-9
     pool = square @ sure / sure.sum()
-    spread2 = square + few * (pool[:, None] - square)
+    spread2 = square + pooled * (pool[:, None] - square)
     variance = noise + few * (pool[:, None] * leverage - noise) + (debris.slope[:, None] * drift) ** 2
-    of_square = fourth + few * (2 * pool[depth] ** 2 * leverage - fourth)
+    of_square = fourth + pooled * (2 * pool[depth] ** 2 * leverage - fourth)
     of_depth = of_square / np.maximum(4 * spread2[depth], 1e-300)
     return Lines(value + debris.centre[:, None], variance, np.sqrt(spread2), of_depth, count)
 
