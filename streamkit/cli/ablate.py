@@ -88,6 +88,8 @@ def read_variations(variations: Sequence[str]) -> dict[str, list[Any]]:
             raise click.UsageError(
                 f"--vary {variation!r}: expected PATH=V1,V2,..., such as stripping.kind=mlcs,streakline"
             )
+        if twice := next((value for i, value in enumerate(values) if value in values[:i]), None):
+            raise click.UsageError(f"--vary {path}: the value {twice!r} is given twice")
         if path in fields:
             raise click.UsageError(f"--vary {path}: given twice; give all its values at once")
         fields[path] = values

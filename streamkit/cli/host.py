@@ -13,6 +13,7 @@ from streamkit.cli.options import FORCE_FILE, JSON, SET, TRUST, load_spec
 from streamkit.errors import OutOfDomain, StreamkitError
 
 TABLES = (".ecsv",)
+LARGEST = 1e6  # kpc
 
 
 @click.command()
@@ -101,6 +102,6 @@ def read_radii(text: str) -> tuple[float, ...]:
         values = tuple(float(part) for part in text.split(","))
     except ValueError:
         values = ()
-    if not values or not all(np.isfinite(value) and value > 0 for value in values):
-        raise click.UsageError(f"--radii {text!r}: expected positive numbers in kpc, such as 8,20,50")
+    if not values or not all(0 < value <= LARGEST for value in values):
+        raise click.UsageError(f"--radii {text!r}: expected numbers between 0 and {LARGEST:g} kpc, such as 8,20,50")
     return values

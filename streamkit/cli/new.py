@@ -5,6 +5,7 @@ from __future__ import annotations
 import builtins
 import keyword
 import re
+import shutil
 from pathlib import Path
 from string import Template
 
@@ -37,8 +38,12 @@ def new(role: str, name: str, output: Path | None) -> None:
     if directory.exists():
         raise StreamkitError(f"{directory}: exists already; nothing was changed. Choose another name, or -o DIR.")
     directory.mkdir(parents=True)
-    for file, text in texts.items():
-        (directory / file).write_text(text, encoding="utf-8")
+    try:
+        for file, text in texts.items():
+            (directory / file).write_text(text, encoding="utf-8")
+    except OSError as error:  # a full disk; a part of a package would stand in the way of the next try
+        shutil.rmtree(directory, ignore_errors=True)
+        raise StreamkitError(f"{directory}: cannot be written ({error.strerror}); nothing is left of it") from None
     module = next(file for file in texts if file.startswith("streamkit_"))
     click.echo(f"{directory}: {', '.join(texts)}\n")
     click.echo(f"Your code goes into {module}. From here:\n")

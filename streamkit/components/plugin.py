@@ -50,10 +50,11 @@ class Plugin:
     @classmethod
     def of(cls, supplier: str, name: str, module: ModuleType) -> Plugin:
         """Make a plugin of the result of a module's hook."""
+        contract = _contract(module)  # first: a module of another contract may have another hook
         items = _components(module)
         presets = tuple(item for item in items if isinstance(item, Preset))
         classes = tuple(item for item in items if not isinstance(item, Preset))
-        return cls(supplier, name, _contract(module), classes, presets)
+        return cls(supplier, name, contract, classes, presets)
 
 
 @np.errstate()  # np.seterr of a plugin ends with its import

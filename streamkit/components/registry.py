@@ -68,7 +68,7 @@ class Registry:
                     raise
                 except BaseException as error:
                     what = f"{type(error).__name__}: {message_of(error)}"
-                    broken.append(f"{supplier_of(point)}, entry point {point.name!r} ({what})")
+                    broken.append(f"{supplier_of(point)}, entry point {point.name!r} ({what}){_remedy(error)}")
         entries, clashes = _entries(plugins, self.local)
         presets, taken = _presets(plugins, self.local)
         rest = tuple(point for point in self.waiting if point not in points)
@@ -121,6 +121,15 @@ def load_registry(
     empty = Registry({role: {} for role in ROLES}, local=local, waiting=waiting, broken=broken)
     built_in = empty.loading([point for point in waiting if is_ours(point)])
     return built_in if lazy else built_in.loading(built_in.waiting)
+
+
+def _remedy(error: BaseException) -> str:
+    """Return what helps against an exception of a plugin's import; streamkit's own errors say it themselves."""
+    if isinstance(error, PluginError):
+        return ""
+    lost = error.name if isinstance(error, ModuleNotFoundError) else None
+    first = f"Install the module {lost.partition('.')[0]!r}, or update" if lost else "Update"
+    return f". {first} or uninstall the plugin, or switch it off with {DISABLE}."
 
 
 def _usable(points: Iterable[EntryPoint]) -> tuple[tuple[EntryPoint, ...], tuple[str, ...]]:

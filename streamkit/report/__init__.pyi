@@ -18,6 +18,7 @@ from .files import save as save
 from .files import save_picture as save_picture
 from .files import save_pictures as save_pictures
 from .files import save_table as save_table
+from .files import through_memory as through_memory
 from .files import to_disk as to_disk
 from .foreign import group_of as group_of
 from .foreign import number_of as number_of

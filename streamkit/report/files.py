@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager, suppress
-from io import StringIO
+from io import BytesIO, StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -72,6 +72,17 @@ def save(path: Path, writer: Callable[[Path], object]) -> None:
     except OSError as error:
         reason = error.strerror or str(error)
         raise UnwritableError(f"output {str(path)!r}: cannot be written ({reason})") from error
+
+
+def through_memory(write: Callable[[BytesIO], object]) -> Callable[[Path], object]:
+    """Return a writer for `save` of what a library of HDF5 writes: HDF5 ends the process where a disk is full."""
+
+    def writer(part: Path) -> None:
+        content = BytesIO()
+        write(content)
+        part.write_bytes(content.getbuffer())
+
+    return writer
 
 
 def save_table(path: Path, table: QTable, form: str = "ascii.ecsv") -> None:

@@ -91,6 +91,8 @@ def read_isochrone(path: Path) -> Table:
     try:
         expect_file(path)
         table = Table.read(str(path), format="ascii")
+    except OSError as error:
+        raise StreamkitError(f"{path}: cannot be read: {error.strerror or error}") from None
     except Exception as error:  # astropy raises many kinds for a text that is no table
         raise StreamkitError(f"{path}: cannot be read as a table: {brief(error)}") from None
     names = table.colnames

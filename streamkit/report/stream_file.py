@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import json
+from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from streamkit.report.files import check_target, origin, save, save_table
+from streamkit.report.files import check_target, origin, save, save_table, through_memory
 from streamkit.runfile import Spec
 from streamkit.stream import Frame, Stream
+
+if TYPE_CHECKING:
+    from astropy.table import QTable
 
 # Suffixes a stream can be written to, with astropy's name of the format.
 FORMATS = {".ecsv": "ascii.ecsv", ".hdf5": "hdf5", ".h5": "hdf5", ".fits": "fits"}
@@ -30,14 +34,22 @@ def write_stream(stream: Stream, spec: Spec, path: Path, *, frame: Frame = None,
     if form == "ascii.ecsv":
         save_table(path, table)
         return
-    options: dict[str, Any] = {"path": "stream", "serialize_meta": True} if form == "hdf5" else {}
-    if form == "fits":
-        table.meta = fits_cards(table.meta)
-    save(path, lambda part: table.write(str(part), format=form, overwrite=True, **options))
+    if form == "hdf5":
+        save(path, through_memory(lambda content: _write_hdf5(table, content)))
+        return
+    table.meta = fits_cards(table.meta)
+    save(path, lambda part: table.write(str(part), format=form, overwrite=True))
+
+
+def _write_hdf5(table: QTable, content: BytesIO) -> None:
+    import h5py
+
+    with h5py.File(content, "w") as file:
+        table.write(file, format="hdf5", path="stream", serialize_meta=True)
 
 
 def fits_cards(meta: dict[str, Any]) -> dict[str, Any]:
-    """Flatten a header into FITS cards; names beyond eight letters need the HIERARCH convention."""
+    """Flatten a header into FITS cards, of ASCII; names beyond eight letters need the HIERARCH convention."""
     cards: dict[str, Any] = {}
     for name, value in meta.items():
         if name == "parameters":
@@ -45,5 +57,6 @@ def fits_cards(meta: dict[str, Any]) -> dict[str, Any]:
         elif isinstance(value, dict):
             cards[name.upper()] = json.dumps(value)
         else:
-            cards[f"HIERARCH {name}" if len(name) > 8 else name.upper()] = value
+            plain = value.encode("ascii", "backslashreplace").decode() if isinstance(value, str) else value
+            cards[f"HIERARCH {name}" if len(name) > 8 else name.upper()] = plain
     return cards

@@ -130,6 +130,7 @@ _LineOfSight = Annotated[
     Symbol(r"$v_{\rm los}$"),
     Field(description="Heliocentric line-of-sight velocity; radial_velocity is another name of it."),
 ]
+_Longitude = Annotated[Angle, Field(ge=-360, le=360)]
 _Latitude = Annotated[Angle, Field(ge=-90, le=90)]
 
 
@@ -152,7 +153,7 @@ class _GalacticSky(_OnSky):
     title = "Galactic sky"
     sky = "galactic"
 
-    l: Annotated[Angle, Symbol("$l$")] = Field(description="Galactic longitude.")  # noqa: E741  the field's own name
+    l: Annotated[_Longitude, Symbol("$l$")] = Field(description="Galactic longitude.")  # noqa: E741  the field's own name
     b: Annotated[_Latitude, Symbol("$b$")] = Field(description="Galactic latitude.")
     distance: _Distance
     pm_l_cosb: Annotated[ProperMotion, Symbol(r"$\mu_l \cos b$")] = Field(
@@ -168,7 +169,7 @@ class _EquatorialSky(_OnSky):
     title = "equatorial sky (ICRS)"
     sky = "icrs"
 
-    ra: Annotated[Angle, Symbol(r"${\rm RA}$")] = Field(description="Right ascension.")
+    ra: Annotated[_Longitude, Symbol(r"${\rm RA}$")] = Field(description="Right ascension.")
     dec: Annotated[_Latitude, Symbol(r"${\rm Dec}$")] = Field(description="Declination.")
     distance: _Distance
     pm_ra_cosdec: Annotated[ProperMotion, Symbol(r"$\mu_\alpha \cos \delta$")] = Field(
@@ -187,7 +188,7 @@ class _StreamSky(_OnSky):
         description='Frame of phi1, phi2: a name such as "GD1Koposov10", { pole = [ra, dec], origin = [ra, dec] } in '
         "degrees, or the three rows of a matrix from ICRS."
     )
-    phi1: Annotated[Angle, Symbol(r"$\phi_1$")] = Field(description="Longitude along the stream.")
+    phi1: Annotated[_Longitude, Symbol(r"$\phi_1$")] = Field(description="Longitude along the stream.")
     phi2: Annotated[_Latitude, Symbol(r"$\phi_2$")] = Field(description="Latitude across the stream.")
     distance: _Distance
     pm_phi1_cosphi2: Annotated[ProperMotion, Symbol(r"$\mu_{\phi_1} \cos \phi_2$")] = Field(

@@ -35,6 +35,7 @@ def test_an_existing_file_needs_force(run_file: Path) -> None:
         (["--track", "t.ecsv", "--frame", "GD1"], ["--frame", "no frame 'GD1'"]),
         (["--set", "progenitor.mass"], ["'progenitor.mass'", "PATH=VALUE"]),
         (["--set", "seed=1", "--set", "seed=2"], ["seed", "given twice"]),
+        (["--set", "zz=1"], ["there is no field 'zz'. Sections: sun, ", "potential", "stripping"]),
         (["--set", "progenitor.mas=6.4e8"], ["'progenitor.mas'", "Did you mean 'progenitor.mass'?"]),
         (["--set", "progenitor.mass=6.4e8 km"], ["progenitor.mass", "6.4e8 km", "Msun"]),
         (["--set", "progenitor.mass=-1"], ["progenitor.mass", "-1", "greater than 0"]),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import importlib.util
 import os
 import runpy
@@ -53,6 +54,16 @@ def test_the_section_of_a_run_file_and_the_manual_are_named(
     text = (tmp_path / "streamkit-my-own" / "README.md").read_text()
     assert f'kind = "my_own"` in `{section}`' in text
     assert "plugins/README.md" in text
+
+
+def test_a_full_disk_leaves_no_part_of_a_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))  # as `write` has it, without the name of the file
+
+    monkeypatch.setattr(Path, "write_text", full)
+    message = refused("new", "potential", "my_own", "-o", tmp_path / "package")
+    assert f"{tmp_path / 'package'}: cannot be written (No space left on device)" in message
+    assert not (tmp_path / "package").exists()
 
 
 def test_a_potential_takes_less_than_forty_lines(tmp_path: Path) -> None:

@@ -109,6 +109,7 @@ def test_a_fit_as_json_with_pdfs_beside_literature(fit_file: Path):
 
 def test_literature_that_cannot_be_read_is_told_before_the_run(fit_file: Path):
     assert "no such file" in refused("run", fit_file, "-o", "out", "--literature", "none.csv")
+    assert "(expected ECSV, CSV, FITS or VOTable)" in refused("run", fit_file, "-o", "out", "--literature", fit_file)
     assert not (fit_file.parent / "out").exists()
 
 

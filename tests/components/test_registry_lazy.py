@@ -113,6 +113,9 @@ def test_another_contract_is_told(install, tmp_path, number, remedy):
     assert result in record
     with pytest.raises(sk.PluginError, match=result):
         load_registry([tmp_path / f"contract_{number}.py"])
+    (tmp_path / f"other_hook_{number}.py").write_text(f"STREAMKIT_CONTRACT = {number}\n")
+    with pytest.raises(sk.PluginError, match=result):  # and not that it lacks the hook of this contract
+        load_registry([tmp_path / f"other_hook_{number}.py"])
 
 
 def test_what_a_plugin_states_is_kept(install):

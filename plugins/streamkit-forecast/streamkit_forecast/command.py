@@ -20,6 +20,7 @@ from streamkit_forecast.surveys import Errors, read_surveys
 from streamkit_forecast.tables import PRODUCTS, forecast_products
 
 USUAL = "M(<20 kpc)"
+LARGEST = 1e6  # kpc
 
 
 def run(
@@ -83,8 +84,8 @@ def read_radii(text: str) -> tuple[float, ...]:
         radii = tuple(float(part) for part in text.split(","))
     except ValueError:
         radii = ()
-    if not radii or not all(np.isfinite(r) and r > 0 for r in radii):
-        raise click.UsageError(f"--radii {text!r}: expected positive numbers in kpc, such as 10,20,50")
+    if not radii or not all(0 < r <= LARGEST for r in radii):
+        raise click.UsageError(f"--radii {text!r}: expected numbers between 0 and {LARGEST:g} kpc, such as 10,20,50")
     return radii
 
 

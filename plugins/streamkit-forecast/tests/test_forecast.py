@@ -310,7 +310,7 @@ def test_a_survey_that_is_none_is_refused_with_its_place(of_track, tmp_path, sur
 
 @pytest.mark.parametrize(("arguments", "message"), [
     (["--set", "potential.q=1.0"], "potential.q: found 1, which is not inside its prior"),
-    (["--radii", "10,-2"], "expected positive numbers in kpc"),
+    (["--radii", "10,-2"], "expected numbers between 0 and 1e.06 kpc"),
     (["--error", "velocity=2"], "no column is called 'velocity'"),
     (["--error", "radial_velocity=2kpc"], "--error radial_velocity: expected a quantity in .*, found '2kpc'. See"),
     (["--target", "M(<21 kpc)"], r"--target 'M\(<21 kpc\)': nothing is called so. Did you mean 'M\(<20 kpc\)'"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ import numpy as np
 
 from streamkit import Array
 from streamkit.errors import ChainError
-from streamkit.report import DamagedError, read_foreign, save
+from streamkit.report import DamagedError, read_foreign, save, through_memory
 from streamkit_nbody.plan import digest
 from streamkit_nbody.simulation import Simulation
 from streamkit_nbody.state import State, Track
@@ -28,15 +29,15 @@ BOUND = -1.0  # stripping time of a particle that has not been stripped
 def write(path: Path, simulation: Simulation, state: State, content: dict[str, Any]) -> None:
     """Write a state, whole or not at all, with the `plan.content` of its run; a file that exists is replaced."""
 
-    def fill(part: Path) -> None:
+    def fill(memory: BytesIO) -> None:
         import h5py
 
-        with h5py.File(part, "w") as file:
+        with h5py.File(memory, "w") as file:
             _write_header(file, simulation, state, content)
             _write_particles(file.create_group(PARTICLES), simulation, state)
             _write_track(file.create_group("Progenitor"), simulation, state)
 
-    save(path, fill)
+    save(path, through_memory(fill))
 
 
 def _write_header(file: Any, simulation: Simulation, state: State, content: dict[str, Any]) -> None:

@@ -26,6 +26,7 @@ from streamkit_simulate.simulator import PARTICLE
 
 FORMAT = "streamkit simulations 1"
 REASON = 200  # bytes of a reason
+HEADER = 64 * 1024  # bytes that are kept free for what is beside the draws and the run file
 ROWS = 1024  # draws that are copied at a time
 
 
@@ -63,11 +64,13 @@ def create(path: Path, layout: Layout, draws: int, earlier: Path | None = None) 
 
     Raises StreamkitError if the disk has no room for it.
     """
+    header = HEADER + len(json.dumps(layout.content))  # HDF5 ends the process where a disk is full
     size, free = draws * layout.bytes_of_draw(), shutil.disk_usage(path.parent).free
-    if size > free:
+    if size + header > free:
+        room = max(free - header, 0) // layout.bytes_of_draw()
         raise StreamkitError(
-            f"{path}: {draws} draws take {in_bytes(size)} and the disk has {in_bytes(free)} left, room for "
-            f"{free // layout.bytes_of_draw()} draws" + (". Leave out --particles" if layout.particles else "")
+            f"{path}: {draws} draws take {in_bytes(size + header)} and the disk has {in_bytes(free)} left, room for "
+            f"{room} draws" + (". Leave out --particles" if layout.particles else "")
         )
     replace_whole(path, partial(_fill, layout=layout, draws=draws, earlier=earlier))
 

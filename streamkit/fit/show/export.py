@@ -14,7 +14,7 @@ from streamkit.components import FINE
 from streamkit.fit.samples.conversion import sample_columns
 from streamkit.fit.samples.results import Results
 from streamkit.fit.show.text import PRINTED_RADII, radii_in_reach
-from streamkit.report import LATEX_UNITS, decimals, latex_escaped, save, save_table
+from streamkit.report import LATEX_UNITS, decimals, latex_escaped, save, save_table, through_memory
 from streamkit.runfile import Prior
 
 # Contents of a file, by its suffix.
@@ -38,7 +38,7 @@ def write_samples(results: Results, path: Path) -> list[Path]:
         save_table(path, sample_table(results), f"ascii{path.suffix}")
         return [path]
     writers: dict[str, Callable[[Path], object]] = {
-        ".nc": lambda part: results.to_arviz().to_netcdf(part, engine="h5netcdf"),
+        ".nc": through_memory(lambda content: results.to_arviz().to_netcdf(content, engine="h5netcdf")),
         ".tex": lambda part: part.write_text(paper_table(results), encoding="utf-8"),
     }
     save(path, writers[path.suffix])

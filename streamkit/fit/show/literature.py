@@ -54,6 +54,7 @@ def read_literature(path: str | Path) -> QTable:
             table = Table.read(path, format="ascii")
     except Exception as error:
         reason = (str(error).strip().splitlines() or [type(error).__name__])[0]
+        reason = "expected ECSV, CSV, FITS or VOTable" if "guess" in reason else reason  # astropy's lists its guesses
         raise StreamkitError(f"literature {str(path)!r}: cannot be read as a table ({reason})") from None
     return checked(table, f"literature {str(path)!r}")
 

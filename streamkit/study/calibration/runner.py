@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from streamkit.errors import StreamkitError, brief
+from streamkit.report import UnwritableError, save
 from streamkit.runfile import Source, Spec, as_spec
 from streamkit.stream import Array
 from streamkit.study.calibration.draw import Draw, make_draw, rank_samples
@@ -137,7 +138,7 @@ def calibrate_samples(
 def _begin(file: Path, digest: str, draws: Sequence[Draw] = ()) -> None:
     file.parent.mkdir(parents=True, exist_ok=True)
     lines = [json.dumps({"digest": digest}), *(draw.line() for draw in draws)]
-    file.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    save(file, lambda part: part.write_text("\n".join(lines) + "\n", encoding="utf-8"))
 
 
 def _check_portable(method: Method, name: str) -> None:
@@ -196,6 +197,8 @@ def _work(job: tuple[bytes, Method | None, int, Path]) -> Draw:
     handle = os.open(file, os.O_WRONLY | os.O_APPEND)
     try:
         os.write(handle, line)
+    except OSError as error:
+        raise UnwritableError(f"{file}: draw {index} cannot be written ({error.strerror})") from None
     finally:
         os.close(handle)
     return draw

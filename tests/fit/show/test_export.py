@@ -1,5 +1,7 @@
 """Samples for other programs: each is read back by the program itself, and holds the same numbers."""
-
+import errno
+import os
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -49,6 +51,18 @@ def test_netcdf_holds_walkers_as_chains_with_predictions_and_data(run, tmp_path)
         np.testing.assert_array_equal(tree["constant_data"]["value"], [57, 112, 100])
         np.testing.assert_array_equal(tree["constant_data"]["error"], [5, 15, 8])
         assert tree.attrs["digest"] == run.spec.digest()
+
+
+def test_a_full_disk_is_one_sentence(run, tmp_path, monkeypatch):
+    """HDF5 itself is never there: it would end the process."""
+
+    def full(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises(sk.StreamkitError, match=r"cannot be written \(No space left on device\)$"):
+        write_samples(run, tmp_path / "samples.nc")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_arviz_has_new_data_and_likelihoods_of_each_datum(run):

@@ -227,6 +227,7 @@ def test_an_interruption_keeps_what_is_finished(
         (["--vary=stripping.kind"], "expected PATH=V1,V2,..., such as stripping.kind=mlcs,streakline"),
         (["--vary=stripping.kind=mlcs,"], "expected PATH=V1,V2,..."),
         ([GRAVITY, GRAVITY], "stripping.progenitor_gravity: given twice"),
+        (["--vary=stripping.sigma=5,6,5"], "--vary stripping.sigma: the value 5 is given twice"),
         ([], "missing option '--vary'"),
         ([GRAVITY, "--reference=none.npz"], "none.npz: there is no such file"),
         ([GRAVITY, "--reference=restricted"], "is no live progenitor. Did you mean 'restricted_nbody'?"),

@@ -1,6 +1,9 @@
 """The calibration study: ranks against closed forms, draws that survive, products."""
 
+import errno
+import os
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -99,6 +102,16 @@ def test_an_interruption_before_the_first_draw_is_one(short, tmp_path, monkeypat
         monkeypatch.setattr(f"streamkit.study.calibration.{module}.run_jobs", lambda *_: ({}, "interrupted"))
         with pytest.raises(Interrupted, match="interrupted before the first draw was finished"):
             study(short, tmp_path / module, 1)
+
+
+def test_a_full_disk_is_told_with_the_file(short, tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("streamkit.study.calibration.runner.make_draw", lambda *_: SimpleNamespace(line=lambda: ""))
+    monkeypatch.setattr("streamkit.study.calibration.runner.os.write", full)
+    with pytest.raises(sk.StreamkitError, match=r"draws\.jsonl: draw 0 cannot be written \(No space left on device\)"):
+        calibrate(short, tmp_path / "out", 1)
 
 
 def uniform(spec, n):

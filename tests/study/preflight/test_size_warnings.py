@@ -12,6 +12,10 @@ from streamkit.study.preflight.size_warnings import size_warnings
 
 RADIUS, SPEED = 10.0, 300.0  # kpc, km/s: 30.7 rad/Gyr
 KEPLER = {"kind": "kepler", "mass": SPEED**2 * RADIUS / sk.G}
+ON_SKY = {
+    "kind": "plummer", "mass": 1e6, "radius": 0.1, "b": 10, "distance": 20, "pm_l_cosb": 0, "pm_b": 0, "v_los": 0,
+    "lookback": 1,
+}  # fmt: skip
 
 
 def warned(**sections: Any) -> list[str]:
@@ -52,6 +56,7 @@ def test_a_dispersion_above_the_orbital_speed_is_a_likely_wrong_unit() -> None:
             {"integrator": {"kind": "dop853", "rtol": 100}},
             "integrator.rtol: found 100, should be less than",
         ),
+        ({"progenitor": ON_SKY | {"l": 3000}}, "progenitor.l: found 3000 deg, should be less than or equal to 360"),
         ({"sampler": {"walkers": 10**9}}, "sampler.walkers: found 1000000000, should be less than or equal to 100000"),
         ({"sampler": {"steps": 10**21}}, "should be less than or equal to 100000000"),
     ],
