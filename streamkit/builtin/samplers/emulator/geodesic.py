@@ -103,7 +103,7 @@ class Surface:
             left = left[far]
             if not len(left):
                 break
-            there.put(left, self.at(np.clip(np.nan_to_num(some.z - step)[far], -FARTHEST, FARTHEST)))
+            there.put(left, self.at(_held((some.z - step)[far], FARTHEST)))
         arrived = np.ones(len(ahead), dtype=bool)
         arrived[left] = False
         return there, arrived
@@ -166,5 +166,8 @@ def _squared(x: Array, metric: Array) -> Array:
     return np.asarray(np.einsum("ni,nij,nj->n", x, metric, x, optimize=True))
 
 
-def _held(slopes: Array) -> Array:
-    return np.clip(np.nan_to_num(slopes), -STEEPEST, STEEPEST)
+def _held(values: Array, most: float = STEEPEST) -> Array:
+    """Return values that are not beyond a size; NaN becomes zero."""
+    held = np.clip(values, -most, most)
+    held[np.isnan(held)] = 0.0
+    return held
