@@ -17,7 +17,7 @@ from filelock import FileLock
 from matplotlib.figure import Figure
 from PIL import Image
 from runfiles import APOCENTRES, FIT, PUBLISHED, RUN, schema_with
-from shortened import SEARCH, WHOLE_SEARCH, set_search, shorten_walks
+from shortened import SEARCH, WHOLE_SEARCH, set_search, shorten_walks, take_few_steps
 
 import streamkit as sk
 from streamkit.cli.process import NEW_OBJECTS
@@ -152,8 +152,14 @@ def whole_search(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def short_walks(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Short walks of the emulator."""
+    """Short walks of the emulator, whose samples have the moments of its posterior roughly."""
     shorten_walks(monkeypatch)
+
+
+@pytest.fixture
+def few_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Some steps of the emulator, whose samples nobody looks at."""
+    take_few_steps(monkeypatch)
 
 
 @pytest.fixture

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from runfiles import FIT
-from shortened import shorten_walks
+from shortened import take_few_steps
 
 import streamkit as sk
 from streamkit.fit import describe_status, read_status
@@ -17,7 +17,7 @@ def run(tmp_path_factory):
     """Its directory and its results; all walks of this file are short."""
     out = tmp_path_factory.mktemp("run") / "out"
     with pytest.MonkeyPatch.context() as patch:
-        shorten_walks(patch)
+        take_few_steps(patch)
         yield out, sk.run(EMULATED, out=out, progress=False, products=False)
 
 

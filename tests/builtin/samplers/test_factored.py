@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from joints import LinearFactors, factors_of
+from shortened import take_few_steps
 
 from streamkit.builtin.samplers.emulator.missing import FAR, LEFT, NOISE, SETTLED, before_a_test, moved_away, new_calls
 from streamkit.builtin.samplers.emulator.rounds import Rounds
@@ -83,7 +84,8 @@ def test_streams_in_conflict_are_learned_where_the_joint_posterior_is() -> None:
     assert_right(target, progress)
 
 
-def test_too_few_calls_are_told() -> None:
+def test_too_few_calls_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    take_few_steps(monkeypatch)
     target = LinearFactors(2, own=2)
     progress, _ = fit(target, noise=2.0, max_calls=300)
     assert progress.missing

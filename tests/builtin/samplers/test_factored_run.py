@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from runfiles import several
-from shortened import shorten_walks
+from shortened import take_few_steps
 
 import streamkit as sk
 from streamkit.fit.show.status import describe_status, read_status
@@ -27,7 +27,7 @@ def run(tmp_path_factory: pytest.TempPathFactory):
     """Its directory and its results; all walks of this file are short."""
     out = tmp_path_factory.mktemp("factors") / "run"
     with pytest.MonkeyPatch.context() as patch:
-        shorten_walks(patch)
+        take_few_steps(patch)
         yield out, sk.run(spec_of("a", "b", max_calls=170), out=out, workers=1, progress=False, products=False)
 
 

@@ -80,7 +80,7 @@ def test_a_sheet_of_a_hundredth_is_sampled_in_some_ten_trajectories():
     """The marginal of a is p(a) = exp(-a^2 / 2 - a^4 / 2), but for the error of the datum."""
     rng = np.random.default_rng(4)
     z, walked = on_the_sheet(200, rng), []
-    for _ in range(400):
+    for _ in range(225):
         new, correction = trajectory(surface(), z, rng)
         accepted = np.log(rng.random(len(z))) < ln_density(new) - ln_density(z) + correction
         z = np.where(accepted[:, None], new, z)

@@ -82,7 +82,7 @@ def test_half_of_the_calls_are_where_the_width_is_decided() -> None:
 
 def test_the_terms_are_those_of_the_samples() -> None:
     target = LinearFactors(3, own=2)
-    found = sample(target, target.begin(3), [1], walkers=100, most_sweeps=20)
+    found = sample(target, target.begin(3), [1], walkers=100, most_sweeps=5)
     some = slice(0, None, 97)
     expected = target.terms(found.samples[some])
     for kept, again in zip(found.terms, expected, strict=True):
@@ -181,7 +181,7 @@ def test_a_walk_that_is_too_short_is_told() -> None:
 def test_the_same_seed_gives_the_same_samples_and_another_one_others() -> None:
     target = LinearFactors(2, own=2)
     first, again, other = (
-        sample(target, target.begin(3), [seed], walkers=100, most_sweeps=20).samples for seed in (1, 1, 2)
+        sample(target, target.begin(3), [seed], walkers=100, most_sweeps=5).samples for seed in (1, 1, 2)
     )
     np.testing.assert_array_equal(first, again)
     assert not np.array_equal(first, other)
