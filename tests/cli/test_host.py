@@ -51,7 +51,7 @@ def test_the_text_defines_every_column(run_file: Path) -> None:
 def test_draws_of_the_priors_have_the_percentiles_of_their_closed_form(run_file: Path) -> None:
     """v_c is v0 times a function of the radius, and v0 is uniform from 190 to 230 km/s."""
     picture = run_file.with_name("prior.png")
-    result = call("host", run_file, "--radii", "10,50", "--draws", "1500", "--json")
+    result = call("host", run_file, "--radii", "10,50", "--draws", "800", "--json")
     assert result.exit_code == 0, result.output
     for row in json.loads(result.stdout)["profile"]["rows"]:
         factor = 12**0.225 / (12**2 + row["r"] ** 2) ** 0.1125

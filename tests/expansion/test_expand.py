@@ -103,7 +103,7 @@ def test_the_force_has_no_curl(potential):
     """Its own, not that of the potential: a coarse expansion conserves energy as well as a fine one."""
     force, grid = force_of(potential), Grid(40, 12, 1)
     if potential is TURNED:
-        grid = Grid(40, 13, 8, step=2, sines=True)
+        grid = Grid(40, 9, 4, step=2, sines=True)
     field = build_field([expansion_of(grid, force(0.0, grid.positions()))])
     q = positions(60, 1.0, 100.0)
     h = 1e-3 * np.sqrt((q**2).sum(axis=0))

@@ -170,7 +170,8 @@ def test_a_fit_without_a_stream_gives_the_gaussian(tmp_path):
 def test_a_posterior_that_the_domain_cuts_is_not_to_be_used(tmp_path):
     """The Gaussian is cut at +0.5 sd; the edge begins at +0.25 sd."""
     table = changed(tmp_path, high=[CENTRE[0] + 0.5 * SD[0], None])
-    results = sk.run(document(table), workers=1, progress=False)
+    shorter = document(table) | {"sampler": {"walkers": 16, "steps": 150}}
+    results = sk.run(shorter, workers=1, progress=False)
     share = 1 - norm.cdf(0.25) / norm.cdf(0.5)
     assert results.fit.at_edge == {"data.s": pytest.approx(share, abs=0.06)}
     assert overall(results.verdicts)[0] == "do not use"

@@ -145,7 +145,7 @@ def test_a_cocoon_is_found_with_its_width_and_its_stars() -> None:
     def lnl(**fields: float) -> float:
         return float(stars.model_copy(update=fields).ln_likelihood(prediction, False))
 
-    shares, widths = np.linspace(0.1, 0.6, 26), np.linspace(3, 9, 25)
+    shares, widths = np.linspace(0.1, 0.6, 11), np.linspace(3, 9, 13)
     assert shares[np.argmax([lnl(cocoon_fraction=x) for x in shares.tolist()])] == pytest.approx(0.3, abs=0.09)
     assert widths[np.argmax([lnl(cocoon_phi2_dispersion=x) for x in widths.tolist()])] == pytest.approx(6.0, abs=1.2)
     thin, wide = stars.membership_of_parts(prediction)
