@@ -11,7 +11,7 @@ from pydantic.fields import FieldInfo
 
 from streamkit.errors import nearest
 from streamkit.fields import array_of, columns_of
-from streamkit.units import unit_of
+from streamkit.units import datum_unit, unit_of
 
 LONGEST = 2000  # largest number of characters of a sentence about one error
 
@@ -71,6 +71,8 @@ def sentence(path: str, cls: type[BaseModel], item: Any, called: str, more: tupl
         number = f"{unit.number}, a quantity such as {unit.example!r}, or a prior" if unit else ""
         array, table = (array_of(field), columns_of(field)) if field is not None else (None, None)
         data = f"numbers in {array.unit.label} as a list or from a file" if array else "a table" if table else ""
+        if field is not None and (measured := datum_unit(field)):
+            data = f"[value, error] in {measured}"
         return f"{where}: missing{about}; expected {number or data or 'a value'}"
     if kind in ("value_error", "assertion_error"):
         if isinstance(value, Mapping) or (field is not None and (array_of(field) or columns_of(field))):

@@ -61,6 +61,7 @@ import streamkit as sk
         (changed("progenitor", "kind", "tf"), ["progenitor.kind: the potential 'tf' has no field 'mass'"]),
         (changed("progenitor", "l", 3), ["progenitor: found coordinates of several", "ra, dec", "vx, vy"]),
         (changed("progenitor", "vx", ...), ["progenitor.vx: missing (Velocity along x)", "km/s"]),
+        (changed("data", {"x": {"kind": "circular_velocity", "radius": 8}}), ["missing", "[value, error] in km/s"]),
         (changed("progenitor", "lookback", ...), ["progenitor.lookback: missing", "Gyr"]),
         (changed("progenitor", "lookbak", 3), ["progenitor.lookbak", "Did you mean 'lookback'?"]),
         (changed("stripping", "progenitor_gravity", "true"), ["stripping.progenitor_gravity: found 'true'"]),

@@ -20,7 +20,7 @@ import h5py
 import numpy as np
 
 from streamkit import Array, ChainError, StreamkitError
-from streamkit.report import DamagedError, read_foreign, replace_whole
+from streamkit.report import DamagedError, read_foreign, save
 from streamkit.runfile import differences
 from streamkit_simulate.simulator import PARTICLE
 
@@ -72,7 +72,7 @@ def create(path: Path, layout: Layout, draws: int, earlier: Path | None = None) 
             f"{path}: {draws} draws take {in_bytes(size + header)} and the disk has {in_bytes(free)} left, room for "
             f"{room} draws" + (". Leave out --particles" if layout.particles else "")
         )
-    replace_whole(path, partial(_fill, layout=layout, draws=draws, earlier=earlier))
+    save(path, partial(_fill, layout=layout, draws=draws, earlier=earlier))
 
 
 def _fill(part: Path, layout: Layout, draws: int, earlier: Path | None) -> None:

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
+import os
 import pickle
 from collections.abc import Mapping
 from typing import Protocol
 
-from streamkit.errors import PluginError
+from streamkit.errors import PluginError, StreamkitError
 from streamkit.sample.calls.processes import Processes
 from streamkit.sample.calls.threads import one_thread
 from streamkit.sample.calls.timeout import call_with_timeout
 from streamkit.sample.evaluation import Evaluation
 from streamkit.stream import Array
 
+MANY, PER_PROCESSOR = 64, 4  # workers that are allowed everywhere, and for each processor
 Answers = list[Evaluation | str]  # an evaluation for each point, or `timeout.NO_ANSWER`
 
 
@@ -28,7 +30,16 @@ class Evaluates(Protocol):
 
 
 def pool(count: int, posteriors: Mapping[str, Evaluates] | None = None, limit: float = math.inf) -> Processes:
-    """Return worker processes that hold the posteriors; a call may take ``limit`` seconds."""
+    """Return worker processes that hold the posteriors; a call may take ``limit`` seconds.
+
+    Raises StreamkitError for far more than this machine has processors.
+    """
+    processors = os.cpu_count() or 1
+    if count > (most := max(MANY, PER_PROCESSOR * processors)):
+        raise StreamkitError(
+            f"workers: found {count}, expected at most {most} on this machine, which has {processors} "
+            f"processor{'s' * (processors != 1)}: more of them take memory and time"
+        )
     return Processes(count, _set_posteriors, (dict(posteriors or {}),), limit)
 
 

@@ -1,4 +1,4 @@
-"""Warnings about tables whose header names another frame than their observable has: tables of another stream."""
+"""Warnings about tables: of another stream, by the frame in the header, or with data under names that are not read."""
 
 from __future__ import annotations
 
@@ -9,11 +9,17 @@ from typing import Any
 import numpy as np
 
 from streamkit.components import Observable
-from streamkit.fields import Files, Table
+from streamkit.fields import Files, Table, columns_of
 from streamkit.runfile import Spec, StreamInputs
 from streamkit.stream import Array, named_matrices, place_of, sky_matrix
 
 COMMON = ("icrs", "galactic")  # frames of no stream: a header may say that the data came from them
+# Columns by the names of Gaia's archive and of papers, and what they are called here.
+USUAL = {
+    "pmra": "pm_ra_cosdec", "pmra_error": "pm_ra_cosdec_error", "pmdec": "pm_dec", "pmdec_error": "pm_dec_error",
+    "pmra_pmdec_corr": "pm_correlation", "rv": "radial_velocity", "rv_error": "radial_velocity_error",
+    "v_los": "radial_velocity", "vlos": "radial_velocity", "dist": "distance", "dist_error": "distance_error",
+}  # fmt: skip
 SAME_FRAME = 0.01  # degrees by which the axes of one frame may differ: papers print few digits
 
 
@@ -29,7 +35,9 @@ def header_warnings(spec: Spec, inputs: StreamInputs) -> list[str]:
             continue
         path = f"{spec.prefix(inputs.name)}observable{'' if len(inputs.observables) == 1 else '.' + name}"
         own = np.asarray(sky_matrix(frame))
-        for field, file, table in _tables(spec, path, observable):
+        for field, file, table, _ in _tables(spec, path, observable):
+            if "phi1" not in table.names:
+                continue
             try:
                 text = str(Files(spec.folder).header(file).get("frame", ""))
             except ValueError:  # the file has gone since it was read
@@ -51,14 +59,39 @@ def header_warnings(spec: Spec, inputs: StreamInputs) -> list[str]:
     return warnings
 
 
-def _tables(spec: Spec, path: str, observable: Observable) -> Iterator[tuple[str, str, Table]]:
-    """Yield the fields of an observable that are tables along phi1 from a file: name, file and table."""
+def unread_warnings(spec: Spec, inputs: StreamInputs) -> list[str]:
+    """Return a warning for each table that has columns under `USUAL` names, which are not read."""
+    warnings = []
+    for name, observable in inputs.observables.items():
+        path = f"{spec.prefix(inputs.name)}observable{'' if len(inputs.observables) == 1 else '.' + name}"
+        for field, file, table, renamed in _tables(spec, path, observable):
+            columns = columns_of(type(observable).model_fields[field])
+            try:
+                there = Files(spec.folder).names(file)
+            except ValueError:  # the file has gone since it was read
+                continue
+            lost = {
+                ours: theirs
+                for theirs, ours in USUAL.items()
+                if theirs in {*there} - {*renamed.values()} and columns and ours in {*columns.units} - {*table.names}
+            }
+            if lost:
+                given = ", ".join(f'{ours} = "{theirs}"' for ours, theirs in lost.items())
+                warnings.append(
+                    f"{path}.{field}: {', '.join(lost.values())} of {file!r} are not read, as these columns have other "
+                    f"names here. If they are data: {{ file = \"{file}\", columns = {{ {given} }} }}"
+                )
+    return warnings
+
+
+def _tables(spec: Spec, path: str, observable: Observable) -> Iterator[tuple[str, str, Table, Mapping[str, str]]]:
+    """Yield the fields of an observable that are tables from a file: name, file, table and the columns' names there."""
     section: Any = reduce(lambda part, key: part.get(key, {}), path.split("."), spec.document)
     for field in type(observable).model_fields:
         table, given = getattr(observable, field), section.get(field)
         file = given.get("file") if isinstance(given, Mapping) else given
-        if isinstance(table, Table) and "phi1" in table.names and isinstance(file, str):
-            yield field, file, table
+        if isinstance(table, Table) and isinstance(file, str):
+            yield field, file, table, given.get("columns", {}) if isinstance(given, Mapping) else {}
 
 
 def angle_between(one: Array, other: Array) -> float:

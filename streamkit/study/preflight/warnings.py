@@ -14,7 +14,7 @@ from streamkit.model import Host
 from streamkit.runfile import Body, ModelInputs, Spec, StreamInputs, Sun
 from streamkit.stream import Stream, sky_matrix
 from streamkit.study.preflight.draws import PriorDraws
-from streamkit.study.preflight.header_warnings import SAME_FRAME, angle_between, header_warnings
+from streamkit.study.preflight.header_warnings import SAME_FRAME, angle_between, header_warnings, unread_warnings
 from streamkit.study.preflight.orbit import HORIZON, OrbitSummary, summarise_orbit
 from streamkit.study.preflight.size_warnings import size_warnings
 from streamkit.testing import quick_failures
@@ -39,7 +39,12 @@ FEW = 300.0  # smallest effective number of particles of a live progenitor, by t
 def stream_warnings(spec: Spec, inputs: StreamInputs, orbit: OrbitSummary) -> list[str]:
     """Return the warnings about one stream: its orbit, its progenitor, its frames and its stripping scheme."""
     about_orbit, about_progenitor = orbit_warnings(spec, inputs, orbit), progenitor_warnings(inputs, orbit)
-    about_frames = frame_warnings(spec, inputs) + header_warnings(spec, inputs) + origin_warnings(spec, inputs)
+    about_frames = (
+        frame_warnings(spec, inputs)
+        + header_warnings(spec, inputs)
+        + unread_warnings(spec, inputs)
+        + origin_warnings(spec, inputs)
+    )
     return [*about_orbit, *about_progenitor, *about_frames, *size_warnings(inputs, orbit), *live_warnings(spec, inputs)]
 
 

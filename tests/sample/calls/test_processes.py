@@ -18,6 +18,7 @@ from toys import Gaussian, Slow, walk
 import streamkit as sk
 from streamkit.sample import CallTimeout, ChainFile, ChainMemory, Processes, WorkerDied, Workers, one_thread
 from streamkit.sample.calls.processes import TRIES
+from streamkit.sample.calls.serving import pool
 from streamkit.sample.calls.workers import OVERTIME
 
 
@@ -194,3 +195,8 @@ def test_workers_that_were_forgotten_end_with_their_parent():
     for pid in map(int, result.stdout.split()):
         with pytest.raises(ProcessLookupError):
             os.kill(pid, 0)
+
+
+def test_far_more_processes_than_processors_are_refused():
+    with pytest.raises(sk.StreamkitError, match=r"workers: found 100000, expected at most \d+ on this machine"):
+        pool(100_000)

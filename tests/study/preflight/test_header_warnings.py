@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import streamkit as sk
-from streamkit.study.preflight.header_warnings import header_warnings
+from streamkit.study.preflight.header_warnings import header_warnings, unread_warnings
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 PAL5 = np.radians([229.0128, -0.1082])  # Odenkirchen+ 2002, AJ 124, 1497: the cluster, the origin of phi1
@@ -38,3 +38,22 @@ def test_a_table_of_pal_5_in_the_run_file_of_gd_1(monkeypatch: pytest.MonkeyPatc
 @pytest.mark.parametrize("name", ["gd1/gd1.toml", "pal5/pal5.toml", "gd1_pal5/gd1_pal5.toml"])
 def test_tables_in_their_own_frames(name: str) -> None:
     assert warnings_of(EXAMPLES / name) == []
+
+
+def test_proper_motions_by_the_names_of_gaia_are_not_left_out_in_silence() -> None:
+    """The table of the tutorial has pmra and pmdec: without their names the positions alone would be compared."""
+    document = sk.load(EXAMPLES / "gd1" / "gd1.toml").document
+    file = str(EXAMPLES / "tutorials" / "gd1_members.ecsv")
+    observable = {"kind": "track", "frame": "GD1Koposov10", "kernel": "3 deg", "members": file}
+
+    def told(members: object) -> list[str]:
+        spec = sk.load(document | {"observable": observable | {"members": members}})
+        return unread_warnings(spec, spec.bind_all().streams["stream"])
+
+    (text,) = told(file)
+    assert text.startswith("observable.members: pmra, pmra_error, pmdec, pmdec_error of ")
+    given = 'columns = { pm_ra_cosdec = "pmra", pm_ra_cosdec_error = "pmra_error", pm_dec = "pmdec", pm_dec_error = '
+    assert given in text
+    names = {"pm_ra_cosdec": "pmra", "pm_dec": "pmdec"}
+    names |= {f"{ours}_error": f"{theirs}_error" for ours, theirs in names.items()}
+    assert told({"file": file, "columns": names}) == []

@@ -21,6 +21,7 @@ ERRORS = {f"{name}_error": unit for name, unit in VALUES.items()}
 MEMBERS = (
     sk.Columns(ra="deg", dec="deg")
     .optional(**VALUES, **ERRORS, pm_correlation="")
+    .between("ra", -360, 360)
     .between("dec", -90, 90)
     .positive("distance", *ERRORS)
     .with_gaps(*VALUES, *ERRORS, "pm_correlation")
