@@ -19,7 +19,7 @@ HOST = {"kind": "tf", "v0": {"uniform": [150, 350]}, "rs": {"uniform": [5, 50]},
 
 def document(table=EXAMPLE, **changes):
     data = {"s": {"kind": "host_likelihood", "table": str(table)}}
-    sampler = {"walkers": 16, "steps": 300}
+    sampler = {"walkers": 16, "steps": 200}
     return {"potential": copy.deepcopy(HOST) | changes, "data": data, "sampler": sampler}
 
 

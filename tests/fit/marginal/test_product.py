@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from streamkit.builtin.data.host_likelihood import read_surface
+from streamkit.fit.marginal import stream_alone
 from streamkit.fit.marginal.host_likelihood import table_of
 from streamkit.fit.marginal.integral import integrate
 from streamkit.fit.marginal.stream_alone import StreamAlone
@@ -83,6 +84,12 @@ def product(files, mean, covariance, n=4000):
     return found, np.sqrt(w @ (hosts - found) ** 2), 1 / np.sum(w**2)
 
 
+@pytest.fixture
+def shorter_walk(monkeypatch):
+    """Fewer steps to the hosts, where a test looks at the integral there."""
+    monkeypatch.setattr(stream_alone, "STEPS", 400)
+
+
 TRUTH = np.random.default_rng(1).standard_normal(HOST)
 
 
@@ -133,6 +140,7 @@ def test_a_joint_host_far_from_one_stream_is_inside_its_file(eight):
     assert not files[0].has(beyond[None])[0]
 
 
+@pytest.mark.usefixtures("shorter_walk")
 def test_the_integral_is_that_of_the_closed_form_within_its_error():
     stream = Linear(2, np.zeros(HOST))
     _, marginal = marginal_of(stream)
@@ -162,6 +170,7 @@ class Noisy(Linear):
         return other
 
 
+@pytest.mark.usefixtures("shorter_walk")
 def test_the_noise_of_the_calls_is_part_of_the_error():
     """Standard deviation of ln of the integral: 0.3 times the first parameter; six draws give it to 30 %."""
     _, marginal = marginal_of(Noisy(2, np.zeros(HOST)))
