@@ -33,8 +33,8 @@ def toy_chain(chain, steps, seed=5, cut=False, **fields):
 @pytest.mark.parametrize("moves", ["de", pytest.param("stretch", marks=pytest.mark.slow)])
 def test_a_gaussian_is_recovered(moves):
     chain = ChainMemory()
-    converged = toy_chain(chain, 1500, moves=moves)
-    late = chain.samples()[300:]
+    converged = toy_chain(chain, 900, moves=moves)
+    late = chain.samples()[200:]
     samples = late.reshape(-1, 3)
     sd = np.sqrt(np.diag(COVARIANCE))
     tau = autocorrelation_times(late).max()
