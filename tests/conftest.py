@@ -42,7 +42,7 @@ gc.set_threshold(NEW_OBJECTS)
 # Files that take longest: with `--dist loadfile` they begin first, or one worker ends minutes after the others.
 LONGEST = (
     "test_conformance.py", "test_populations.py", "test_emulator.py", "test_factored_run.py", "test_passages.py",
-    "test_factored.py", "test_emulator_run.py", "test_moving_frame.py", "test_products.py", "test_many_streams.py",
+    "test_factored.py", "test_emulator_run.py", "test_moving_frame.py", "test_products.py", "test_families.py",
 )  # fmt: skip
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import pytest
 from astropy.table import QTable
 from commands import call
 from scipy.stats import norm
+from shortened import take_few_steps
 
 import streamkit as sk
 from streamkit.errors import Interrupted
@@ -90,12 +92,15 @@ def ln_evidence(text: str) -> float:
 
 
 @pytest.fixture(scope="module")
-def compared(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Any]:
+def compared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, Any]]:
+    """Where both families were fitted, and what the command said; all walks of this file are short."""
     where = tmp_path_factory.mktemp("families")
     (where / "near.toml").write_text(RUN)
     (where / "far.toml").write_text(OTHER)
     arguments = ("families", where / "near.toml", "--host", where / "far.toml", "-o", where / "out")
-    return where, call(*arguments)
+    with pytest.MonkeyPatch.context() as patch:
+        take_few_steps(patch)
+        yield where, call(*arguments)
 
 
 def test_the_command_gives_the_evidences_of_the_formula(compared: tuple[Path, Any], tmp_path: Path) -> None:
