@@ -49,7 +49,7 @@ def calibrate(
     With --truth-set the mock data come from another model with the same free parameters, such as another stripping
     scheme. The ranks then show the error that the intervals do not include. If the fit's streams have few particles,
     give those of the data more (--truth-set stripping.particles=10000): a survey's data do not have the noise of the
-    model.
+    model. Their own noise, which `streamkit stream` prints, must be small beside the errors, or it widens the ranks.
 
     Each draw is a whole fit. Make it small, as with --set stripping.particles=1000 --set sampler.steps=1000. Finished
     draws are written at once, and --resume makes the missing ones.
