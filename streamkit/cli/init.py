@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 import shutil
 from collections.abc import Iterable, Sequence
 from functools import partial
@@ -82,14 +83,14 @@ def _write_known(streams: Sequence[str], output: Path | None, force: bool) -> No
     _check(texts, target, force)
     for file, text in texts.items():
         report.save(file, partial(_write_text, text=text))
-    click.echo(f"{', '.join(map(str, texts))}: check the errors of the data; next, 'streamkit check {target}'")
+    click.echo(f"{', '.join(map(str, texts))}: check the errors of the data; {_next(target)}")
 
 
 def _write_template(target: Path, force: bool) -> None:
     report.check_target(target, (".toml",), "init", force)
     text = (files("streamkit.cli") / "templates" / "own.toml.txt").read_text(encoding="utf-8")
     report.save(target, partial(_write_text, text=text))
-    click.echo(f"{target}: change the lines with <-; next, 'streamkit check {target}'")
+    click.echo(f"{target}: change the lines with <-; {_next(target)}")
 
 
 def _write_example(example: str, output: Path | None, force: bool) -> None:
@@ -106,12 +107,16 @@ def _write_example(example: str, output: Path | None, force: bool) -> None:
     report.save(target, partial(_write_text, text=text))
     for table, copy in copies.items():
         report.save(copy, partial(shutil.copyfile, table))
-    click.echo(f"{', '.join(map(str, (target, *copies.values())))}: next, 'streamkit check {target}'")
+    click.echo(f"{', '.join(map(str, (target, *copies.values())))}; {_next(target)}")
 
 
 def _check(targets: Iterable[Path], run_file: Path, force: bool) -> None:
     for file in targets:
         report.check_target(file, (file.suffix if file != run_file else ".toml",), "init", force)
+
+
+def _next(target: Path) -> str:
+    return f"next: streamkit check {shlex.quote(str(target))}"
 
 
 def _write_text(path: Path, text: str) -> None:

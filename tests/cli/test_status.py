@@ -158,6 +158,7 @@ def test_a_run_file_to_begin_with(tmp_path, monkeypatch):
     assert "gd1_recovery" in listed
     assert [name for name in examples() if not re.search(rf"^  {name} +\w", listed, re.MULTILINE)] == []  # descriptions
     assert "mine.toml" in call("init", "sagittarius", "-o", "mine.toml").output
+    assert "next: streamkit check 'my run.toml'" in call("init", "sagittarius", "-o", "my run.toml").output
     text = (tmp_path / "mine.toml").read_text()
     assert text == (ROOT / "examples" / "sagittarius" / "sagittarius.toml").read_text()
     assert sum(line.lstrip().startswith("#") for line in text.splitlines()) > 5

@@ -179,7 +179,7 @@ def test_init_writes_a_run_file_and_its_tables(tmp_path, monkeypatch):
     assert done.exit_code == 0, done.stderr
     assert (
         done.stdout
-        == "streams.toml, gd1.ecsv, pal5.ecsv: check the errors of the data; next, 'streamkit check streams.toml'\n"
+        == "streams.toml, gd1.ecsv, pal5.ecsv: check the errors of the data; next: streamkit check streams.toml\n"
     )
     assert load("streams.toml").streams == ("gd1", "pal5")
     again = call("init", "--stream", "GD-1", "--stream", "Pal5")
