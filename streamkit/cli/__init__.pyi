@@ -7,4 +7,5 @@ from .options import SET as SET
 from .options import apart as apart
 from .options import directory as directory
 from .options import load_spec as load_spec
+from .options import read_radii as read_radii
 from .options import read_settings as read_settings

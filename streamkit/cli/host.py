@@ -9,11 +9,10 @@ import numpy as np
 
 import streamkit as sk
 from streamkit import fit, model, report
-from streamkit.cli.options import FORCE_FILE, JSON, SET, TRUST, load_spec
+from streamkit.cli.options import FORCE_FILE, JSON, SET, TRUST, load_spec, read_radii
 from streamkit.errors import OutOfDomain, StreamkitError
 
 TABLES = (".ecsv",)
-LARGEST = 1e6  # kpc
 
 
 @click.command()
@@ -94,14 +93,3 @@ def host(
         click.echo(fit.describe_host(profile, objects, note))
         for path in filter(None, (output, orbits, plot)):
             click.echo(f"written: {path}")
-
-
-def read_radii(text: str) -> tuple[float, ...]:
-    """Read radii in kpc that are separated by commas."""
-    try:
-        values = tuple(float(part) for part in text.split(","))
-    except ValueError:
-        values = ()
-    if not values or not all(0 < value <= LARGEST for value in values):
-        raise click.UsageError(f"--radii {text!r}: expected numbers between 0 and {LARGEST:g} kpc, such as 8,20,50")
-    return values

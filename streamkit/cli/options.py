@@ -14,6 +14,7 @@ from streamkit.cli.compiling import announce_compilation
 from streamkit.cli.completion import settings
 
 INVALID, INTERRUPTED = 2, 130  # exit statuses of the commands: bad input, and stopped by Ctrl-C
+LARGEST = 1e6  # kpc of a radius
 
 RUN_FILE = click.argument("run_file", metavar="RUN.toml", type=click.Path(path_type=Path))
 SET = click.option(
@@ -97,4 +98,15 @@ def read_settings(settings: Sequence[str], option: str = "--set") -> dict[str, A
         if path in values:
             raise click.UsageError(f"{option} {path}: given twice, {values[path]!r} and {text!r}")
         values[path] = runfile.literal(text)
+    return values
+
+
+def read_radii(text: str) -> tuple[float, ...]:
+    """Read radii in kpc that are separated by commas."""
+    try:
+        values = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        values = ()
+    if not values or not all(0 < value <= LARGEST for value in values):
+        raise click.UsageError(f"--radii {text!r}: expected numbers between 0 and {LARGEST:g} kpc, such as 8,20,50")
     return values

@@ -11,6 +11,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from streamkit import Spec, SpecError, StreamkitError, load_results
+from streamkit.cli import read_radii
 from streamkit.errors import brief, nearest
 from streamkit.report import Progress, check_directory, locked
 from streamkit.study.grid import draw_pictures, write_tables
@@ -20,7 +21,6 @@ from streamkit_forecast.surveys import Errors, read_surveys
 from streamkit_forecast.tables import PRODUCTS, forecast_products
 
 USUAL = "M(<20 kpc)"
-LARGEST = 1e6  # kpc
 
 
 def run(
@@ -76,17 +76,6 @@ def read_errors(settings: Sequence[str]) -> dict[str, float]:
         return Errors.model_validate(values).by_column()
     except ValidationError as error:
         raise click.UsageError(f"--error {brief(error)}") from None
-
-
-def read_radii(text: str) -> tuple[float, ...]:
-    """Read radii in kpc that are separated by commas."""
-    try:
-        radii = tuple(float(part) for part in text.split(","))
-    except ValueError:
-        radii = ()
-    if not radii or not all(0 < r <= LARGEST for r in radii):
-        raise click.UsageError(f"--radii {text!r}: expected numbers between 0 and {LARGEST:g} kpc, such as 10,20,50")
-    return radii
 
 
 def target_of(found: Forecast, name: str | None) -> Quantity:

@@ -33,7 +33,7 @@ def header_warnings(spec: Spec, inputs: StreamInputs) -> list[str]:
         frame = observable.sky_frame()
         if frame is None:
             continue
-        path = f"{spec.prefix(inputs.name)}observable{'' if len(inputs.observables) == 1 else '.' + name}"
+        path = _path(spec, inputs, name)
         own = np.asarray(sky_matrix(frame))
         for field, file, table, _ in _tables(spec, path, observable):
             if "phi1" not in table.names:
@@ -63,9 +63,11 @@ def unread_warnings(spec: Spec, inputs: StreamInputs) -> list[str]:
     """Return a warning for each table that has columns under `USUAL` names, which are not read."""
     warnings = []
     for name, observable in inputs.observables.items():
-        path = f"{spec.prefix(inputs.name)}observable{'' if len(inputs.observables) == 1 else '.' + name}"
+        path = _path(spec, inputs, name)
         for field, file, table, renamed in _tables(spec, path, observable):
             columns = columns_of(type(observable).model_fields[field])
+            if columns is None:
+                continue
             try:
                 there = Files(spec.folder).names(file)
             except ValueError:  # the file has gone since it was read
@@ -73,7 +75,7 @@ def unread_warnings(spec: Spec, inputs: StreamInputs) -> list[str]:
             lost = {
                 ours: theirs
                 for theirs, ours in USUAL.items()
-                if theirs in {*there} - {*renamed.values()} and columns and ours in {*columns.units} - {*table.names}
+                if theirs in {*there} - {*renamed.values()} and ours in {*columns.units} - {*table.names}
             }
             if lost:
                 given = ", ".join(f'{ours} = "{theirs}"' for ours, theirs in lost.items())
@@ -82,6 +84,10 @@ def unread_warnings(spec: Spec, inputs: StreamInputs) -> list[str]:
                     f"names here. If they are data: {{ file = \"{file}\", columns = {{ {given} }} }}"
                 )
     return warnings
+
+
+def _path(spec: Spec, inputs: StreamInputs, name: str) -> str:
+    return f"{spec.prefix(inputs.name)}observable{'' if len(inputs.observables) == 1 else '.' + name}"
 
 
 def _tables(spec: Spec, path: str, observable: Observable) -> Iterator[tuple[str, str, Table, Mapping[str, str]]]:
