@@ -14,6 +14,7 @@ from numba import njit
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from streamkit.engine.cache import UNCALLED
+from streamkit.engine.views import view
 from streamkit.stream import Array
 
 ENDLESS = 1 << 40  # length of a view of the packed arguments: each array knows its own
@@ -42,7 +43,7 @@ def unpacker(layout: tuple[int, ...]) -> Any:
     """Return a compiled function that turns the result of `pack` into a tuple of numbers and arrays again."""
     if not any(layout):
         count = len(layout)
-        return njit(lambda packed: to_fixed_tuple(packed[:count], count), forceinline=True, **UNCALLED)
+        return njit(lambda packed: to_fixed_tuple(view(packed, 0, count), count), forceinline=True, **UNCALLED)
     unpack, place = njit(lambda _: (), forceinline=True, **UNCALLED), 0
     for ndim in layout:
         unpack = _with_array(unpack, place, ndim) if ndim else _with_number(unpack, place)

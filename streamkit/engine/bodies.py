@@ -20,6 +20,7 @@ from streamkit.engine.field import NO_DRAG_OF_BODIES, build_field
 from streamkit.engine.forces import FORCES, ROW, call_kernel
 from streamkit.engine.kernels import Force
 from streamkit.engine.velocity_forces import DRAGGED, drag_centres
+from streamkit.engine.views import fill
 from streamkit.stream import Array, Orbit
 from streamkit.units import G
 
@@ -174,7 +175,7 @@ def follow(forces, friction, traits, today, t0, step, out):
     for j in range(n):
         for i in range(3):
             x[i * ROW + j], u[i * ROW + j] = today[j, i], today[j, 3 + i]
-    t[:] = t0
+    fill(t, 0, n, t0)
     pull(forces, friction, traits, n, t, x, u, centre, a)
     for node in range(out.shape[1]):
         for j in range(n):
@@ -197,7 +198,7 @@ def follow(forces, friction, traits, today, t0, step, out):
                         before, faster = w[row], b[row]  # velocity and acceleration of the stage before
                         y[row] = x[row] + ahead * before if stage > 0 else x[row]
                         w[row] = u[row] + ahead * faster if stage > 0 else u[row]
-                t[:] = begin + ahead
+                fill(t, 0, n, begin + ahead)
                 if stage == 0:
                     for i in range(3):
                         for j in range(n):

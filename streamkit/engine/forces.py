@@ -10,6 +10,7 @@ from numba import njit, types
 from numba.extending import intrinsic
 
 from streamkit.engine.cache import INLINE, helper
+from streamkit.engine.views import fill, view
 from streamkit.stream import Array, IntArray
 
 BATCH = 4096  # particles taken together
@@ -127,7 +128,7 @@ def positions_about(forces, b, uniform, begin, end, t, x, relative, centre):
             centre_at(forces, b, t[i], centre)
             for k in range(3):
                 relative[k * ROW + i] = x[k * ROW + i] - centre[k]
-        centre[:] = 0.0
+        fill(centre, 0, 3, 0.0)
     return x if uniform else relative
 
 
@@ -149,19 +150,19 @@ def add_forces(forces, uniform, begin, end, t, x, relative, centre, a):
                 left = mass_left_at(forces, b, t[begin if uniform else i])
                 for k in range(3):
                     a[k * ROW + i] *= left
-    centre[:] = 0.0
+    fill(centre, 0, 3, 0.0)
     for c in range(address.shape[0]):
         if forces.trajectory[c] < 0:
             call_kernel(address[c], begin, n, t, p, offset[c], centre, x, a, fresh)
             fresh = 0
     if fresh == 1:  # no force at all
         for k in range(3):
-            a[k * ROW + begin : k * ROW + end] = 0.0
+            fill(a, k * ROW + begin, k * ROW + end, 0.0)
     if forces.frame.shape[0] > 0:
         together = end - begin if uniform else 1
         for i in range(begin, end, together):
             frame_at(forces, t[i], centre)
             for k in range(3):
-                a_i, shift = a[k * ROW + i : k * ROW + i + together], centre[k]
+                a_i, shift = view(a, k * ROW + i, k * ROW + i + together), centre[k]
                 for j in range(a_i.shape[0]):
                     a_i[j] -= shift

@@ -24,7 +24,7 @@ from numba.core.errors import NumbaError
 from streamkit.engine import vector  # noqa: F401  its overloads are what the elementary functions compile to
 from streamkit.engine.arguments import ENDLESS, unpacker
 from streamkit.engine.axes import turned
-from streamkit.engine.cache import OPTIONS, UNCALLED, content_digest, disk_cache
+from streamkit.engine.cache import OPTIONS, UNCALLED, content_digest, disk_cache, uncollected
 from streamkit.engine.changing import Changes, arguments_at, compiled_arguments
 from streamkit.engine.forces import ROW
 from streamkit.engine.motion import AT_REST, STILL, Motion, Moves, compiled_motion
@@ -160,7 +160,8 @@ def machine_code(kernel: Any, written: Sequence[tuple[type[Force], Any]], layout
     if None not in digests:
         cfunc._cache = disk_cache(kernel, " ".join(filter(None, digests)))
     try:
-        cfunc.compile()
+        with uncollected():
+            cfunc.compile()
     except NumbaError as error:
         lines = [line.strip() for line in str(error).splitlines() if line.strip()]
         reason = next((line for line in lines if not line.startswith("Failed in")), lines[0])

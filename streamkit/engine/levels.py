@@ -7,6 +7,7 @@ from numba import njit
 from streamkit.engine.cache import INLINE, helper
 from streamkit.engine.forces import BATCH, LANES, ROW, call_kernel, centre_at
 from streamkit.engine.steps import ROWS, A, H, T, V
+from streamkit.engine.views import axes_view, fill, rest, view
 
 CROSSING = 1.25  # longest step near a disc's plane, in units of the time in which its height is crossed
 NEAR_PLANE = 2.0  # largest distance from a disc's plane that counts as near, in units of that height
@@ -30,7 +31,7 @@ def gather(source, index, begin, m, out):
     """Copy the values of m particles into a row of a batch, padded to whole vectors with the last."""
     first = index[begin]
     if index[begin + m - 1] - first == m - 1:  # neighbours, as index increases: a vector copy
-        near = source[first : first + m]
+        near = view(source, first, first + m)
         for i in range(m):  # to assign a slice compiles an error message, for longer than all the rest
             out[i] = near[i]
     else:
@@ -43,10 +44,11 @@ def gather(source, index, begin, m, out):
 @helper
 def scatter(m, slot, lanes, slots):
     """Copy each of m lanes that has a slot into it."""
-    for k in range(ROWS):
-        for i in range(m):
-            if slot[i] >= 0:
-                slots[k * ROW + slot[i]] = lanes[k * ROW + i]
+    for i in range(m):
+        j = slot[i]
+        if j >= 0:
+            for k in range(ROWS):
+                slots[k * ROW + j] = lanes[k * ROW + i]
 
 
 @helper
@@ -54,7 +56,7 @@ def give_back(m, slot, row, index, begin, out):
     """Copy the slots of a row back to their particles."""
     first = index[begin]
     if index[begin + m - 1] - first == m - 1:
-        place = out[first : first + m]
+        place = view(out, first, first + m)
         for i in range(m):
             if slot[i] >= 0:
                 place[i] = row[slot[i]]
@@ -71,14 +73,14 @@ def nearest(begin, end, lanes, path, closest):
     A particle's path is the parabola of its initial acceleration, approximated by two straight pieces. path (9,) holds
     the centre at the beginning, the middle and the end of the time span.
     """
-    x, u, span, a = lanes, lanes[V:], lanes[H:], lanes[A:]
+    x, u, span, a = lanes, rest(lanes, V), rest(lanes, H), rest(lanes, A)
     c0, c1, c2, d0, d1, d2 = path[0], path[1], path[2], path[3], path[4], path[5]
     e0, e1, e2 = path[6], path[7], path[8]
-    x0, x1, x2 = x[begin:end], x[ROW + begin : ROW + end], x[2 * ROW + begin : 2 * ROW + end]
-    u0, u1, u2 = u[begin:end], u[ROW + begin : ROW + end], u[2 * ROW + begin : 2 * ROW + end]
-    a0, a1, a2 = a[begin:end], a[ROW + begin : ROW + end], a[2 * ROW + begin : 2 * ROW + end]
-    n0, n1, n2 = closest[begin:end], closest[ROW + begin : ROW + end], closest[2 * ROW + begin : 2 * ROW + end]
-    h = span[begin:end]
+    x0, x1, x2 = axes_view(x, begin, end, ROW)
+    u0, u1, u2 = axes_view(u, begin, end, ROW)
+    a0, a1, a2 = axes_view(a, begin, end, ROW)
+    n0, n1, n2 = axes_view(closest, begin, end, ROW)
+    h = view(span, begin, end)
     for i in range(h.shape[0]):
         s, r = 0.5 * h[i], 0.125 * h[i] * h[i]
         w0, w1, w2 = s * u0[i], s * u1[i], s * u2[i]
@@ -109,7 +111,7 @@ def foot(a, b, c, d, e, f):
 @helper
 def approach(forces, b, begin, end, lanes, closest, centre, path):
     """Store in `closest` and in path (9,) what `nearest` does, for trajectory b and lanes [begin, end) of one time."""
-    t, span = lanes[T:], lanes[H:]
+    t, span = rest(lanes, T), rest(lanes, H)
     for k in range(3):
         centre_at(forces, b, t[begin] + 0.5 * k * span[begin], centre)
         path[3 * k], path[3 * k + 1], path[3 * k + 2] = centre[0], centre[1], centre[2]
@@ -126,17 +128,17 @@ def rates(forces, eta, heights, uniform, m, lanes, closest, a, centre, path, rat
     square of the distances, which no spherical host exceeds. If the host has a disc of these `heights`, see
     `crossings`.
     """
-    address, trajectory, t = forces.address, forces.trajectory, lanes[T:]
-    rate[:m] = 0.0
+    address, trajectory, t = forces.address, forces.trajectory, rest(lanes, T)
+    fill(rate, 0, m, 0.0)
     fixed = False
     for c in range(address.shape[0]):
         fixed = fixed or trajectory[c] < 0
     if fixed:
-        path[:] = 0.0
+        fill(path, 0, 9, 0.0)
         nearest(0, m, lanes, path, closest)
-        a0, a1, a2 = lanes[A : A + m], lanes[A + ROW : A + ROW + m], lanes[A + 2 * ROW : A + 2 * ROW + m]
-        d0, d1, d2 = closest[:m], closest[ROW : ROW + m], closest[2 * ROW : 2 * ROW + m]
-        x0, x1, x2 = lanes[:m], lanes[ROW : ROW + m], lanes[2 * ROW : 2 * ROW + m]
+        a0, a1, a2 = axes_view(lanes, A, A + m, ROW)
+        d0, d1, d2 = axes_view(closest, 0, m, ROW)
+        x0, x1, x2 = axes_view(lanes, 0, m, ROW)
         scale = eta[0] ** -4
         for i in range(m):
             acceleration2 = a0[i] * a0[i] + a1[i] * a1[i] + a2[i] * a2[i]
@@ -149,14 +151,14 @@ def rates(forces, eta, heights, uniform, m, lanes, closest, a, centre, path, rat
         together = m if uniform else 1
         for i in range(0, m, together):
             approach(forces, b, i, i + together, lanes, closest, centre, path)
-        centre[:] = 0.0
+        fill(centre, 0, 3, 0.0)
         fresh = 1
         for c in range(address.shape[0]):
             if trajectory[c] == b:
                 call_kernel(address[c], 0, m, t, forces.parameters, forces.offset[c], centre, closest, a, fresh)
                 fresh = 0
-        a0, a1, a2 = a[:m], a[ROW : ROW + m], a[2 * ROW : 2 * ROW + m]
-        d0, d1, d2 = closest[:m], closest[ROW : ROW + m], closest[2 * ROW : 2 * ROW + m]
+        a0, a1, a2 = axes_view(a, 0, m, ROW)
+        d0, d1, d2 = axes_view(closest, 0, m, ROW)
         scale = eta[1] ** -4
         for i in range(m):
             acceleration2 = a0[i] * a0[i] + a1[i] * a1[i] + a2[i] * a2[i]
@@ -171,7 +173,7 @@ def crossings(heights, m, lanes, rate):
     A crossing takes heights / v_z, and no step may be longer than that times CROSSING. Paths are parabolas of the
     initial acceleration; the bend of a path in z serves as the error of its position.
     """
-    x, u, span, a = lanes, lanes[V:], lanes[H:], lanes[A:]
+    x, u, span, a = lanes, rest(lanes, V), rest(lanes, H), rest(lanes, A)
     for i in range(m):
         s, r = 0.5 * span[i], 0.125 * span[i] * span[i]
         z = x[2 * ROW + i]

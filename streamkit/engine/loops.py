@@ -29,18 +29,11 @@ from numba import njit, types
 
 from streamkit.engine.cache import INLINE, cached
 from streamkit.engine.forces import BATCH, FORCES, LANES, LEVELS, ROW, add_forces
-from streamkit.engine.levels import (
-    assign_slots,
-    choose_levels,
-    gather,
-    give_back,
-    next_batch,
-    rates,
-    scatter,
-)  # fmt: skip
+from streamkit.engine.levels import assign_slots, choose_levels, gather, give_back, next_batch, rates, scatter
 from streamkit.engine.passing import CHUNKS, FURTHER, NO_BODIES, PASSING_BODIES, how_often, kick, passages
 from streamkit.engine.steps import METHOD, ROWS, A, H, Method, T, compose, nystrom
 from streamkit.engine.velocity_forces import DRAGGED, is_dragged
+from streamkit.engine.views import fill, rest, view
 from streamkit.stream import Array, IntArray
 
 HIGHEST_LEVEL = 4  # highest level in the first pass over a block: particles of higher levels are postponed
@@ -91,11 +84,11 @@ def sweep(forces, passing, method, scratch, particles, index, t0, t1, limit, pos
     level g takes 2^(g - 1) steps of the given method. Particles above the level ``limit`` are not moved: their indices
     are written into ``postponed`` (n,), and their number is returned.
     """
-    work, level, slot, count = scratch.work, scratch.numbers, scratch.numbers[ROW:], 0
-    lanes, slots = work[: ROWS * ROW], work[ROWS * ROW : 2 * ROWS * ROW]
-    relative, rate = work[2 * ROWS * ROW :], work[(2 * ROWS + 3) * ROW :]
+    work, level, slot, count = scratch.work, scratch.numbers, rest(scratch.numbers, ROW), 0
+    lanes, slots = view(work, 0, ROWS * ROW), view(work, ROWS * ROW, 2 * ROWS * ROW)
+    relative, rate = rest(work, 2 * ROWS * ROW), rest(work, (2 * ROWS + 3) * ROW)
     centre, path = np.empty(3), np.empty(9)
-    t, span = lanes[T:], lanes[H:]
+    t, span = rest(lanes, T), rest(lanes, H)
     start, size = np.empty(LEVELS, np.int64), np.empty(LEVELS, np.int64)
     adapts = method.eta[0] > 0.0
     bodies = passing.sizes.shape[0]
@@ -107,13 +100,15 @@ def sweep(forces, passing, method, scratch, particles, index, t0, t1, limit, pos
         m = next_batch(t0, index, begin)
         whole = (m + LANES - 1) // LANES * LANES
         for row, source in enumerate((*particles, t0, t1)):
-            gather(source, index, begin, m, lanes[row * ROW :])
+            gather(source, index, begin, m, rest(lanes, row * ROW))
         uniform = t[0] == t[m - 1]  # times never decrease
         for i in range(whole):
             span[i] -= t[i]
-        level[:m], size[:], size[0] = 0, 0, m
+        fill(level, 0, m, 0)
+        fill(size, 0, LEVELS, 0)
+        size[0] = m
         if adapts:
-            add_forces(forces, uniform, 0, whole, t, lanes, relative, centre, lanes[A:])
+            add_forces(forces, uniform, 0, whole, t, lanes, relative, centre, rest(lanes, A))
             rates(forces, method.eta, method.heights, uniform, whole, lanes, relative, slots, centre, path, rate)
             deepest = method.most + 1
             if bodies > 0:
@@ -144,17 +139,17 @@ def sweep(forces, passing, method, scratch, particles, index, t0, t1, limit, pos
             each = steps // pieces
             for piece in range(pieces + 1):
                 where = uniform, first, end
-                kick(passing, asks, often, group, piece, pieces, *where, slots, relative, centre, lanes[A:])
+                kick(passing, asks, often, group, piece, pieces, *where, slots, relative, centre, rest(lanes, A))
                 if piece == pieces:
                     break
                 if calm:
                     if piece > 0:
-                        add_forces(forces, uniform, first, end, slots[T:], slots, relative, centre, slots[A:])
+                        add_forces(forces, uniform, first, end, rest(slots, T), slots, relative, centre, rest(slots, A))
                     nystrom(forces, uniform, first, end, each, slots, lanes, relative, centre)
                 else:
                     compose(forces, method, uniform, first, end, each, has_acceleration, slots, relative, centre)
         for row, out in enumerate(particles):
-            give_back(m, slot, slots[row * ROW :], index, begin, out)
+            give_back(m, slot, rest(slots, row * ROW), index, begin, out)
     return count
 
 
@@ -170,7 +165,10 @@ def advance(forces, passing, method, scratch, particles, t0, t1):
     part of the block, because their closest approach lasts for a short part of it.
     """
     most = method.most
-    indices, postponed, ends, now = np.arange(t0.shape[0]), np.empty(t0.shape[0], np.int64), t0.copy(), t0.copy()
+    n = t0.shape[0]
+    indices, postponed, ends, now = np.empty(n, np.int64), np.empty(n, np.int64), t0.copy(), t0.copy()
+    for i in range(n):
+        indices[i] = i
     shorter = Method(method.drift, method.kick, method.eta, max(most - 2, 0), method.heights)
     lowest = np.int64(0) if method.eta[0] == 0.0 else min(HIGHEST_LEVEL, most + 1)
     for part in range(PARTS + 1):  # the whole block, then its parts for the postponed; one call is compiled once

@@ -9,6 +9,7 @@ from streamkit.engine.cache import cached
 from streamkit.engine.forces import FORCES, ROW, add_forces
 from streamkit.engine.steps import METHOD, ROWS, A, H, T, compose
 from streamkit.engine.velocity_forces import DRAGGED, is_dragged, renew
+from streamkit.engine.views import fill
 
 _F1, _F2, _F = types.float64[::1], types.float64[:, ::1], types.float64
 _ORBIT = METHOD, _F1, _F1, _F, _F, _F2
@@ -59,7 +60,7 @@ def integrate_orbits(forces, method, t0, states, grid, out):
             lanes[H + i] = grid[node] - lanes[T + i]
         known = before == m and not is_dragged(forces)
         compose(forces, method, False, 0, m, 1, known, lanes, relative, centre)
-        lanes[T : T + m] = grid[node]
+        fill(lanes, T, T + m, grid[node])
         renew(forces, m, lanes, relative, centre, lanes[T:], lanes[A:])
         for i in range(m):
             for k in range(6):

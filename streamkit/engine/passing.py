@@ -29,6 +29,7 @@ from streamkit.engine.forces import (
 )  # fmt: skip
 from streamkit.engine.levels import approach, foot, nearest
 from streamkit.engine.steps import A, H, T, V
+from streamkit.engine.views import axes_view, fill, rest, row_view, view
 from streamkit.stream import Array, IntArray
 
 PASSING = 0.4  # longest step near a body, in units of the time in which it crosses its distance
@@ -101,11 +102,11 @@ def _look_for_passages(passing, most, uniform, m, lanes, closest, other, centre,
     Its last columns say of each chunk of lanes whether such levels are there; if not, they are all 0. `other` is
     scratch.
     """
-    forces, u, t, span, a = passing.forces, lanes[V:], lanes[T:], lanes[H:], lanes[A:]
+    forces, u, t, span, a = passing.forces, rest(lanes, V), rest(lanes, T), rest(lanes, H), rest(lanes, A)
     crossing, bending, noticed = PASSING**-4, BENDING**-4, 4.0 / NOTICED**2
-    v, missed, span4 = other[5 * ROW :], other[8 * ROW : 8 * ROW + m], other[9 * ROW : 9 * ROW + m]
+    v, missed, span4 = rest(other, 5 * ROW), view(other, 8 * ROW, 8 * ROW + m), view(other, 9 * ROW, 9 * ROW + m)
     for k in range(3):
-        u_i, a_i, v_i = u[k * ROW : k * ROW + m], a[k * ROW : k * ROW + m], v[k * ROW : k * ROW + m]
+        u_i, a_i, v_i = view(u, k * ROW, k * ROW + m), view(a, k * ROW, k * ROW + m), view(v, k * ROW, k * ROW + m)
         for i in range(m):
             v_i[i] = u_i[i] + 0.5 * span[i] * a_i[i]
     for i in range(m):
@@ -135,13 +136,13 @@ def _look_for_passages(passing, most, uniform, m, lanes, closest, other, centre,
                     approach(forces, b, first, last, lanes, closest, centre, path)
                 inverse = 1.0 / (span[first] + 1e-300)
                 w0, w1, w2 = (path[6] - path[0]) * inverse, (path[7] - path[1]) * inverse, (path[8] - path[2]) * inverse
-                v0, v1, v2 = v[first:last], v[ROW + first : ROW + last], v[2 * ROW + first : 2 * ROW + last]
-                speed2 = other[3 * ROW + first : 3 * ROW + last]
+                v0, v1, v2 = axes_view(v, first, last, ROW)
+                speed2 = view(other, 3 * ROW + first, 3 * ROW + last)
                 for i in range(speed2.shape[0]):
                     speed2[i] = (v0[i] - w0) ** 2 + (v1[i] - w1) ** 2 + (v2[i] - w2) ** 2 + 1e-300
-            speed2, near2 = other[3 * ROW + begin : 3 * ROW + end], other[4 * ROW + begin : 4 * ROW + end]
-            d0, d1, d2 = closest[begin:end], closest[ROW + begin : ROW + end], closest[2 * ROW + begin : 2 * ROW + end]
-            missed_i, span4_i = missed[begin:end], span4[begin:end]
+            speed2, near2 = view(other, 3 * ROW + begin, 3 * ROW + end), view(other, 4 * ROW + begin, 4 * ROW + end)
+            d0, d1, d2 = axes_view(closest, begin, end, ROW)
+            missed_i, span4_i = view(missed, begin, end), view(span4, begin, end)
             more = 0
             for i in range(near2.shape[0]):  # as if the mass were in a point
                 near = max(math.sqrt(d0[i] * d0[i] + d1[i] * d1[i] + d2[i] * d2[i]) - missed_i[i], size)
@@ -154,7 +155,7 @@ def _look_for_passages(passing, most, uniform, m, lanes, closest, other, centre,
             asked[b, ROW + chunk] = more > 0
             if more == 0:
                 continue
-            centre[:] = 0.0
+            fill(centre, 0, 3, 0.0)
             fresh = 1
             for c in range(passing.first[b], passing.first[b + 1]):
                 p, offset = forces.parameters, forces.offset[c]
@@ -184,7 +185,7 @@ def enclose(m, uniform, lanes, missed, arms):
     their radius, and the largest velocity relative to the centre. Schemes release particles into both arms in turn. If
     the lanes have their own times, the spheres are larger by what paths from other times may differ.
     """
-    u, t, a, span = lanes[V:], lanes[T:], lanes[A:], lanes[H]
+    u, t, a, span = rest(lanes, V), rest(lanes, T), rest(lanes, A), lanes[H]
     for arm in range(2 * ((m + CHUNK - 1) // CHUNK)):
         begin, end = arm // 2 * CHUNK + arm % 2, min(arm // 2 * CHUNK + CHUNK, m)
         count, radius2, most_missed, fastest = (end - begin + 1) // 2, 0.0, 0.0, 0.0
@@ -256,7 +257,7 @@ def _kick(passing, asks, often, level, piece, pieces, uniform, begin, end, lanes
 
     A body kicks each of them before every 1, 2, 4 ... pieces, as often as this lane asks for.
     """
-    forces, t, h = passing.forces, lanes[T:], lanes[H + begin : H + end]
+    forces, t, h = passing.forces, rest(lanes, T), view(lanes, H + begin, H + end)
     weight = 0.5 if piece == 0 or piece == pieces else 1.0
     for b in range(passing.sizes.shape[0]):  # one after the other: the sum does not depend on the other lanes
         finest = max(pieces >> max(often[level, b] - 1, 0), 1)
@@ -269,17 +270,17 @@ def _kick(passing, asks, often, level, piece, pieces, uniform, begin, end, lanes
             call_kernel(forces.address[c], begin, end - begin, t, p, offset, centre, q, a, fresh)
             fresh = 0
         if often[level, b] > 0:
-            part, asks_i = relative[begin:end], asks[b, begin:end]
+            part, asks_i = view(relative, begin, end), row_view(asks, b, begin, end)
             for i in range(part.shape[0]):
                 stride = max(pieces >> max(asks_i[i] - 1, 0), 1)
                 part[i] = stride * weight * h[i] if piece & (stride - 1) == 0 else 0.0
             for k in range(3):
-                u_i, a_i = lanes[V + k * ROW + begin : V + k * ROW + end], a[k * ROW + begin : k * ROW + end]
+                u_i, a_i = view(lanes, V + k * ROW + begin, V + k * ROW + end), view(a, k * ROW + begin, k * ROW + end)
                 for i in range(u_i.shape[0]):
                     u_i[i] += part[i] * a_i[i]
         else:
             for k in range(3):
-                u_i, a_i = lanes[V + k * ROW + begin : V + k * ROW + end], a[k * ROW + begin : k * ROW + end]
+                u_i, a_i = view(lanes, V + k * ROW + begin, V + k * ROW + end), view(a, k * ROW + begin, k * ROW + end)
                 for i in range(u_i.shape[0]):
                     u_i[i] += pieces * weight * h[i] * a_i[i]
 

@@ -9,6 +9,7 @@ import numpy as np
 from numba import types
 
 from streamkit.engine.cache import cached
+from streamkit.engine.views import row_view, view
 from streamkit.stream import Array, IntArray
 
 
@@ -57,13 +58,13 @@ def record(first, last, t0, t1, q, v, state, r_tidal, plane, records):
     radius in this block, time, position and velocity are interpolated to the crossing.
     """
     n, dq_strip, dv_strip = last - first, records.dq_strip, records.dv_strip
-    revolutions, chi = records.revolutions[first:last], records.chi[first:last]
-    gap, t_strip, before = records.gap[first:last], records.t_strip[first:last], t0[first:last]
+    revolutions, chi = view(records.revolutions, first, last), view(records.chi, first, last)
+    gap, t_strip, before = view(records.gap, first, last), view(records.t_strip, first, last), view(t0, first, last)
     r_progenitor = math.sqrt(state[0] ** 2 + state[1] ** 2 + state[2] ** 2)
     a0, a1, a2, b0, b1, b2 = plane[0, 0], plane[0, 1], plane[0, 2], plane[1, 0], plane[1, 1], plane[1, 2]
-    x, y, z = q[0, first:last], q[1, first:last], q[2, first:last]
-    u, w, s = v[0, first:last], v[1, first:last], v[2, first:last]
-    planar0, planar1 = records.planar[0, first:last], records.planar[1, first:last]
+    x, y, z = row_view(q, 0, first, last), row_view(q, 1, first, last), row_view(q, 2, first, last)
+    u, w, s = row_view(v, 0, first, last), row_view(v, 1, first, last), row_view(v, 2, first, last)
+    planar0, planar1 = row_view(records.planar, 0, first, last), row_view(records.planar, 1, first, last)
     for i in range(n):
         e, f = a0 * x[i] + a1 * y[i] + a2 * z[i], b0 * x[i] + b1 * y[i] + b2 * z[i]
         e0, f0 = planar0[i], planar1[i]
@@ -79,7 +80,7 @@ def record(first, last, t0, t1, q, v, state, r_tidal, plane, records):
     px, py, pz, now = state[0], state[1], state[2], np.empty(CHUNK)
     for begin in range(0, n, CHUNK):
         end = min(begin + CHUNK, n)
-        xs, ys, zs = x[begin:end], y[begin:end], z[begin:end]
+        xs, ys, zs = view(x, begin, end), view(y, begin, end), view(z, begin, end)
         for i in range(end - begin):  # a loop without branches becomes vector instructions
             dx, dy, dz = xs[i] - px, ys[i] - py, zs[i] - pz
             now[i] = math.sqrt(dx * dx + dy * dy + dz * dz) - r_tidal

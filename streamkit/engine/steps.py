@@ -12,6 +12,7 @@ from numba import types
 from streamkit.engine.cache import helper
 from streamkit.engine.forces import ROW, add_forces
 from streamkit.engine.velocity_forces import add_drag
+from streamkit.engine.views import rest, view
 from streamkit.stream import Array
 
 # First element of the velocities, times, time steps and accelerations in an array of lanes; positions begin at 0.
@@ -44,7 +45,7 @@ def compose(forces, method, uniform, begin, end, steps, has_acceleration, lanes,
     `add_forces`. With forces that depend on velocity a kick is the flow of the velocity alone, so that the method keeps
     its order; the lanes then do not hold the acceleration of the next step at the end.
     """
-    x, u, t, h, a = lanes, lanes[V:], lanes[T:], lanes[H:], lanes[A:]
+    x, u, t, h, a = lanes, rest(lanes, V), rest(lanes, T), rest(lanes, H), rest(lanes, A)
     drift, kick = method.drift, method.kick
     stages = kick.shape[0]
     reuse = drift[0] == 0.0 and drift[stages] == 0.0
@@ -65,10 +66,10 @@ def compose(forces, method, uniform, begin, end, steps, has_acceleration, lanes,
                 d = 0.0
             if d != 0.0:
                 add_drag(forces, d, begin, end, lanes, a, centre)
-            h_i, t_i = h[begin:end], t[begin:end]
+            h_i, t_i = view(h, begin, end), view(t, begin, end)
             for k in range(3):
                 low, high = k * ROW + begin, k * ROW + end
-                x_i, u_i, a_i = x[low:high], u[low:high], a[low:high]
+                x_i, u_i, a_i = view(x, low, high), view(u, low, high), view(a, low, high)
                 for i in range(x_i.shape[0]):
                     y = u_i[i] + d * h_i[i] * a_i[i]
                     u_i[i] = y
@@ -89,10 +90,10 @@ def nystrom(forces, uniform, begin, end, steps, lanes, spare, relative, centre):
     four forces; the choice of the step has computed the first one of the first step. `spare` (other lanes), `relative`
     and centre are scratch.
     """
-    x, u, t, h, k1 = lanes, lanes[V:], lanes[T:], lanes[H:], lanes[A:]
-    y, k2, k3 = spare, spare[V:], spare[A:]
+    x, u, t, h, k1 = lanes, rest(lanes, V), rest(lanes, T), rest(lanes, H), rest(lanes, A)
+    y, k2, k3 = spare, rest(spare, V), rest(spare, A)
     for s in range(steps):
-        t_i, h_i = t[begin:end], h[begin:end]
+        t_i, h_i = view(t, begin, end), view(h, begin, end)
         for stage in range(4):  # one inlined call for all stages: four would take long to compile
             if stage > 0 or s > 0:
                 place = x if stage == 0 else y
@@ -100,8 +101,8 @@ def nystrom(forces, uniform, begin, end, steps, lanes, spare, relative, centre):
                 add_forces(forces, uniform, begin, end, t, place, relative, centre, out)
             for k in range(3):
                 low, high = k * ROW + begin, k * ROW + end
-                x_i, u_i, y_i = x[low:high], u[low:high], y[low:high]
-                a, b, c = k1[low:high], k2[low:high], k3[low:high]
+                x_i, u_i, y_i = view(x, low, high), view(u, low, high), view(y, low, high)
+                a, b, c = view(k1, low, high), view(k2, low, high), view(k3, low, high)
                 if stage == 0:
                     for i in range(x_i.shape[0]):
                         y_i[i] = x_i[i] + h_i[i] * (0.2 * u_i[i] + h_i[i] * (0.02 * a[i]))

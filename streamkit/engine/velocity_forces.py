@@ -10,8 +10,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from llvmlite import ir
 from numba import types
-from numba.extending import overload
+from numba.extending import intrinsic, overload
 
 from streamkit.engine.cache import cached
 from streamkit.engine.forces import BATCH, FORCES, ROW, Forces, add_forces, call_kernel
@@ -47,13 +48,11 @@ COMPILED = {"error_model": "numpy"}
 DRAGGED = types.NamedTuple([*FORCES.types, types.int64, types.float64[::1]], DraggedForces)  # its type in numba
 
 
-def is_dragged(forces):
+@intrinsic
+def is_dragged(typing_context, forces):
     """Return whether the forces depend on velocity: a constant when a loop is compiled."""
-
-
-@overload(is_dragged, jit_options=COMPILED)
-def _is_dragged(forces):
-    return (lambda forces: True) if forces.instance_class is DraggedForces else (lambda forces: False)
+    dragged = ir.Constant(ir.IntType(1), int(forces.instance_class is DraggedForces))
+    return types.boolean(forces), lambda context, builder, signature, args: dragged
 
 
 def add_drag(forces, part, begin, end, lanes, a, centre):
