@@ -62,6 +62,12 @@ class SamplingProgress:
             self._bar.note(", ".join(filter(None, [*self._notes(now, calls, storage.chain), self._remark])))
         self._bar.update(more if small == self._starts else 0)
 
+    def wait(self) -> None:
+        """Show that the sampler is at work, between two calls."""
+        if self._bar is not None and self._remark:
+            self._bar.note(self._remark)
+            self._bar.update(0)
+
     def close(self) -> None:
         """End the display."""
         if self._bar is not None:

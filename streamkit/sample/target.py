@@ -172,6 +172,9 @@ class PosteriorTarget:
             if place is None:
                 raise ComponentError("Target.compare: no point has been evaluated before, with a likelihood")
             comparison.read_shapes(place)
+        if self._calls.stop:  # a sampler may be at work for minutes between two calls
+            raise Stopped(self._calls.stop)
+        self.display.wait()
         return comparison.ln_likelihood(points, mean, variance, details)
 
     def _compared(self) -> Comparison:

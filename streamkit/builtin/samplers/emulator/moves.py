@@ -28,12 +28,14 @@ class Moves:
 
     Attributes
     ----------
-    accepted, sweeps
+    accepted, tried
         (4,) sums of the fractions of accepted steps: steps and draws by mixtures, differences, trajectories along the
-        surface; and the sweeps.
+        surface; and how often walkers were moved so.
     """
 
-    def __init__(self, layout: Layout, places: Array, rng: np.random.Generator) -> None:
+    def __init__(
+        self, layout: Layout, places: Array, rng: np.random.Generator, draws: bool = True, follows: bool = True
+    ) -> None:
         self._layout = layout
         self._middle = places[:, layout.shared].mean(axis=0)
         self._follow = [self._regression(places, own) for own in layout.own]
@@ -41,10 +43,11 @@ class Moves:
         self._shared = Mixture.of(places[:, layout.shared], rng) if len(layout.shared) else None
         self._own = [Mixture.of(each, rng) if each.shape[1] else None for each in left]
         alone = self._own[0] if self._shared is None and len(self._own) == 1 else None
-        self._whole = alone or Mixture.of(places, rng)
+        self._whole = (alone or Mixture.of(places, rng)) if draws else None
+        self._follows = follows
         self._archive = places
         self._precision = self._precision_of(places)
-        self.accepted, self.sweeps = np.zeros(4), 0
+        self.accepted, self.tried = np.zeros(4), np.zeros(4)
         self._blocks = int(self._shared is not None) + int(any(each is not None for each in self._own))
 
     def _precision_of(self, places: Array) -> Array:
@@ -80,9 +83,15 @@ class Moves:
                 z, terms = self._move_shared(density, z, terms, beta, rng, length)
             if any(each is not None for each in self._own):
                 z, terms = self._move_own(density, z, terms, beta, rng, length)
-        self.sweeps += 1
-        z, terms = self._draw(density, z, terms, beta, rng)
-        return self._follow_surface(density, z, terms, beta, rng) if follow else (z, terms)
+        self.tried[[0, 2]] += 1
+        if self._whole is not None:
+            z, terms = self._draw(self._whole, density, z, terms, beta, rng)
+        return self._follow_surface(density, z, terms, beta, rng) if follow and self._follows else (z, terms)
+
+    @property
+    def rates(self) -> Array:
+        """(4,) The fractions of accepted steps; zero for steps that were not tried."""
+        return np.asarray(self.accepted / np.maximum(self.tried, 1))
 
     def _differences(self, columns: IntArray, n: int, rng: np.random.Generator) -> Array:
         """(n, k) Differences of two of the archive, of several lengths."""
@@ -140,10 +149,11 @@ class Moves:
         return z, Terms(prior, lnl)
 
     def _draw(
-        self, density: Density, z: Array, terms: Terms, beta: float, rng: np.random.Generator
+        self, whole: Mixture, density: Density, z: Array, terms: Terms, beta: float, rng: np.random.Generator
     ) -> tuple[Array, Terms]:
         """Draw all coordinates from the mixture: from one mode to another."""
-        new, correction = self._whole.step(z, np.full(len(z), np.inf), rng)
+        self.tried[1] += 1
+        new, correction = whole.step(z, np.full(len(z), np.inf), rng)
         others = density.terms(new)
         accepted = np.log(rng.random(len(z))) < _gain(others.total(beta), terms.total(beta)) + correction
         self.accepted[1] += accepted.mean()
@@ -153,6 +163,7 @@ class Moves:
         self, density: Density, z: Array, terms: Terms, beta: float, rng: np.random.Generator
     ) -> tuple[Array, Terms]:
         """Move all coordinates along the posterior's surface."""
+        self.tried[3] += 1
         new, correction = trajectory(Surface(density.tangents, self._layout, beta, self._precision), z, rng)
         others = density.terms(new)
         accepted = np.log(rng.random(len(z))) < _gain(others.total(beta), terms.total(beta)) + correction

@@ -37,6 +37,9 @@ MOST_STAGES = 24
 # New moves are made every so many sweeps until they are fixed. Walkers follow the surface once in so many, and at last:
 # that is most of the work, and what weighs modes are the others.
 RENEWED = 5
+# Draws of all coordinates of several streams, and trajectories of them, are made no more where a smaller fraction is
+# accepted: those of many streams together never are.
+RARE, TOO_RARE_TO_FOLLOW = 1e-3, 0.02
 # Walkers of a population that walk on, sweeps of their first walk, and their most sweeps. Thin ends of a posterior fill
 # slowly, and a walk of fewer sweeps does not show that they are missing.
 WALKING, FIRST, MOST_SWEEPS = 64, 100, 3000
@@ -129,6 +132,8 @@ class Population:
             raise StreamkitError(f"of {len(begin)} places to begin from only {there.sum()} have a probability")
         self.z, self.terms, self.beta = begin[there], terms.take(there), 0.0
         self.evaluations = len(begin)
+        self._several = len(self.layout.own) > 1
+        self._draws = self._follows = True
 
     def choose(self, walkers: int, beta: float) -> Population:
         """Take some of the places by their density at an inverse temperature (Gumbel's way), and begin there."""
@@ -159,7 +164,7 @@ class Population:
             self._take(_systematic(weights, walkers, self._rng))
             # a stage at least as long as equal factors make it: the walk does what the weights cannot
             self.beta = min(max(wanted, self.beta * slowest if stage >= MOST_STAGES // 2 else 0.0), 1.0)
-            self.settle(sweeps)
+            self.settle(sweeps, follow=self.beta >= 1 or not self._several)
             if self.beta >= 1:
                 break
         return self
@@ -192,6 +197,7 @@ class Population:
         pairs = zip(self.terms.take(rows), other.terms.take(rows), strict=True)
         both.terms = Terms(*(np.concatenate(pair) for pair in pairs))
         both.evaluations = self.evaluations + other.evaluations
+        both._draws, both._follows = self._draws or other._draws, self._follows or other._follows
         return both
 
     def _take(self, rows: IntArray) -> None:
@@ -200,14 +206,18 @@ class Population:
     def moves(self, places: Array | None = None) -> Moves:
         """Return moves made from these places (n, d), or from those of the population."""
         places = self.z if places is None else places
-        return Moves(self.layout, places, self._rng)
+        return Moves(self.layout, places, self._rng, self._draws, self._follows)
 
-    def settle(self, sweeps: int) -> Population:
-        """Walk, with new moves every `RENEWED` sweeps."""
+    def settle(self, sweeps: int, follow: bool = True) -> Population:
+        """Walk, with new moves every `RENEWED` sweeps; in the last of them, walkers may ``follow`` the surface."""
         for done in range(sweeps):
             if done % RENEWED == 0:
                 moves = self.moves()
-            self._sweep(moves, follow=done % RENEWED == RENEWED - 1 or done == sweeps - 1)
+            last = done % RENEWED == RENEWED - 1 or done == sweeps - 1
+            self._sweep(moves, follow=follow and last)
+            if self._several and last:
+                self._draws = self._draws and moves.rates[1] >= RARE
+                self._follows = self._follows and (not follow or moves.rates[3] >= TOO_RARE_TO_FOLLOW)
         return self
 
     def _sweep(self, moves: Moves, follow: bool = True) -> None:
@@ -315,7 +325,7 @@ def _judged(both: Population, moves: Moves, parts: Sequence[tuple[Array, list[Te
     return Populations(
         samples, Terms(*(np.concatenate(each) for each in zip(*terms, strict=True))),
         last, r_hat, time, count, width_error, sweeps, both.evaluations,
-        moves.accepted / max(moves.sweeps, 1),
+        moves.rates,
         bool(r_hat < R_HAT and sweeps > asked.times * time and count > asked.independent),
     )  # fmt: skip
 

@@ -150,6 +150,7 @@ class Rounds:
         while True:
             joint, seed = self._joint(known), [self._seed, 11, turn]
             if result is None:
+                self._note("all starts are made: two populations come to the emulated posterior")
                 result = sample(joint, begin_apart(known), seed, most_sweeps=10)
             result = go_on(joint, result.last, [*seed, 0])
             copies = self._copies(joint, result, seed)
@@ -309,7 +310,8 @@ class Rounds:
         self, known: Sequence[Known], now: Progress, copies: Sequence[Array], max_calls: int, seed: list[int]
     ) -> Progress:
         """Sample the posterior to its end, test it, learn from all calls, and sample it anew."""
-        tested = sample(now.joint, self._begin(known, now.populations), [*seed, 2], asked=TESTED)
+        self._note("two populations sample the emulated posterior to its end")
+        tested = self._sampled(known, now, copies, [*seed, 2])
         now = replace(now, populations=tested)
         for each in known:
             each.blur = blur_of(each.emulated, every_so_often(tested.samples, 4 * SOME)[:, each.factor.columns])
@@ -330,6 +332,15 @@ class Rounds:
         if not missing and change >= CHANGED:
             missing = f"what fresh calls have taught moves the posterior by {change:.2f} standard deviations"
         return replace(now, joint=joint, populations=given, missing=missing)
+
+    def _sampled(self, known: Sequence[Known], now: Progress, copies: Sequence[Array], seed: list[int]) -> Populations:
+        """Sample the posterior to its end: from the starts, or for several streams from the warmest copies.
+
+        A start of one stream alone may not have been where all of them together are, and the way from there is long.
+        """
+        if len(known) == 1:
+            return sample(now.joint, self._begin(known, now.populations), seed, asked=TESTED)
+        return sample(now.joint, list(copies[-1]), seed, COPIES[-1][0], asked=TESTED)
 
     def _unseen(self, known: Sequence[Known], result: Populations, seed: list[int]) -> str:
         """Say whether too few starts lead to all of the posterior, and make another one then.
