@@ -13,6 +13,7 @@ from streamkit.sample.store.storage import Storage
 from streamkit.stream import Array
 
 NOTES = 5.0  # seconds between two notes beside the progress
+SOON = 1.0  # seconds between two looks at the time where no call is made
 
 
 class SamplingProgress:
@@ -30,6 +31,7 @@ class SamplingProgress:
         self._deadline, self._mass = deadline, mass
         self._expected, self._remark = np.inf, ""
         self._bar: Progress | None = None
+        self._shown_at = -np.inf
         self._starts = False  # whether the bar is that of calls with few particles, before all others
 
     def expect(self, total: float) -> None:
@@ -56,17 +58,17 @@ class SamplingProgress:
             self._begun, self._starts = (self._noted, calls), small
             self._bar = Progress(*what, unit, done=done, shown=self.shown, keep=not small,
                                  deadline=np.inf if small else self._deadline)  # fmt: skip
-        now = monotonic()
+        now = self._shown_at = monotonic()
         if now - self._noted > NOTES:
             self._noted = now
             self._bar.note(", ".join(filter(None, [*self._notes(now, calls, storage.chain), self._remark])))
         self._bar.update(more if small == self._starts else 0)
 
-    def wait(self) -> None:
-        """Show that the sampler is at work, between two calls."""
-        if self._bar is not None and self._remark:
-            self._bar.note(self._remark)
-            self._bar.update(0)
+    def wait(self, calls: int, storage: Storage) -> None:
+        """Show that the sampler is at work between two calls, after ``calls`` of them."""
+        if storage.is_chain or monotonic() - self._shown_at < SOON:
+            return
+        self.update(0, calls, storage, self._starts)
 
     def close(self) -> None:
         """End the display."""

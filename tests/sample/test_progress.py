@@ -31,3 +31,20 @@ def test_calls_with_few_particles_are_counted_apart(
     assert [line.partition(" calls")[0] for line in sampling] == [
         f"sampling: {n} of 8000" for n in (61, 100, 131, 191)
     ]
+
+
+def test_a_sampler_that_makes_no_call_is_seen_to_work(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """After one call it is at work for two minutes and a half: a line for each whole minute."""
+    now = SimpleNamespace(value=100.0)
+    for module, name in ((lines.time, "monotonic"), (progress, "monotonic")):
+        monkeypatch.setattr(module, name, lambda: now.value)
+    display, storage = SamplingProgress(shown=True), Storage()
+    display.update(1, 1, storage)
+    display.remark("two populations")
+    for _ in range(150):
+        now.value += 1
+        display.wait(1, storage)
+    found = [line.partition("streamkit: ")[2] for line in capsys.readouterr().err.splitlines()]
+    assert found == [f"sampling: 1 calls after {spent}; 0.0 calls/s, two populations" for spent in ("60 s", "2 min")]

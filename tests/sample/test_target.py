@@ -1,13 +1,15 @@
 """The target of a run: what it refuses, and what costs no call."""
 
+import signal
 from collections import deque
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from toys import Gaussian
 
 import streamkit as sk
-from streamkit.sample import PosteriorTarget, Storage, Workers, run_sampler
+from streamkit.sample import PosteriorTarget, Stopped, Storage, Workers, run_sampler
 
 
 class Wrong(sk.Sampler):
@@ -51,3 +53,15 @@ def test_each_point_of_weighted_samples_is_evaluated_once():
         assert calls.calls["full"] == 2
     away = points - [1.0, -2.0, 0.5]
     np.testing.assert_allclose(found, -0.5 * np.einsum("ni,ij,nj->n", away, toy.inverse, away), rtol=1e-12)
+
+
+def test_a_signal_ends_a_sampler_that_compares_predictions_between_two_calls():
+    """A walk over an emulated posterior may take minutes without a call of the model."""
+    toy, zero = Gaussian(), np.zeros((1, 3))
+    comparison = SimpleNamespace(knows_shapes=True, ln_likelihood=lambda *_: np.zeros(1))
+    with Workers({"full": toy, "cheap": toy}) as calls:
+        target = PosteriorTarget(toy.priors, toy.data, 1, calls, Storage(), comparison=comparison)
+        assert target.compare(zero, zero, zero, zero) == 0
+        calls.stop = signal.SIGINT
+        with pytest.raises(Stopped):
+            target.compare(zero, zero, zero, zero)

@@ -213,8 +213,8 @@ class Population:
         for done in range(sweeps):
             if done % RENEWED == 0:
                 moves = self.moves()
-            last = done % RENEWED == RENEWED - 1 or done == sweeps - 1
-            self._sweep(moves, follow=follow and last)
+            last = done == sweeps - 1
+            self._sweep(moves, follow=follow and (last or (done % RENEWED == RENEWED - 1 and not self._several)))
             if self._several and last:
                 self._draws = self._draws and moves.rates[1] >= RARE
                 self._follows = self._follows and (not follow or moves.rates[3] >= TOO_RARE_TO_FOLLOW)
