@@ -13,7 +13,7 @@ from streamkit.sample.store.storage import Storage
 from streamkit.stream import Array
 
 NOTES = 5.0  # seconds between two notes beside the progress
-SOON = 1.0  # seconds between two looks at the time where no call is made
+SOON = 1.0  # seconds after which it is shown that a sampler is at work, where it makes no call
 
 
 class SamplingProgress:
@@ -32,12 +32,12 @@ class SamplingProgress:
         self._expected, self._remark = np.inf, ""
         self._bar: Progress | None = None
         self._shown_at = -np.inf
-        self._starts = False  # whether the bar is that of calls with few particles, before all others
+        self.starts = False  # whether the bar is that of calls with few particles, before all others
 
     def expect(self, total: float) -> None:
         """Set the expected total number of calls, or of steps."""
         self._expected = total
-        if self._bar is not None and not self._starts:
+        if self._bar is not None and not self.starts:
             self._bar.expect(total)
 
     def remark(self, text: str) -> None:
@@ -50,25 +50,24 @@ class SamplingProgress:
         Calls with few particles (``small``) are no part of the expected number: those before all others have a bar of
         their own, and later ones are not counted.
         """
-        if self._bar is None or (self._starts and not small):
+        if self._bar is None or (self.starts and not small):
             self.close()
             unit, done = ("step", storage.chain.iteration - more) if storage.is_chain else ("call", 0)
             what = ("start with few particles", np.inf) if small else ("sampling", self._expected)
             self._noted = monotonic()
-            self._begun, self._starts = (self._noted, calls), small
+            self._begun, self.starts = (self._noted, calls), small
             self._bar = Progress(*what, unit, done=done, shown=self.shown, keep=not small,
                                  deadline=np.inf if small else self._deadline)  # fmt: skip
         now = self._shown_at = monotonic()
         if now - self._noted > NOTES:
             self._noted = now
             self._bar.note(", ".join(filter(None, [*self._notes(now, calls, storage.chain), self._remark])))
-        self._bar.update(more if small == self._starts else 0)
+        self._bar.update(more if small == self.starts else 0)
 
-    def wait(self, calls: int, storage: Storage) -> None:
-        """Show that the sampler is at work between two calls, after ``calls`` of them."""
-        if storage.is_chain or monotonic() - self._shown_at < SOON:
-            return
-        self.update(0, calls, storage, self._starts)
+    @property
+    def waits(self) -> bool:
+        """Whether nothing has been shown for a while: a sampler is at work between two calls."""
+        return monotonic() - self._shown_at > SOON
 
     def close(self) -> None:
         """End the display."""
@@ -80,7 +79,7 @@ class SamplingProgress:
         begin, before = self._begun
         if chain.iteration:
             yield f"accepted {100 * chain.acceptance:.0f} %"
-        if not self._starts:
+        if not self.starts:
             yield f"{(calls - before) / max(now - begin, 1e-9):.1f} calls/s"
         if chain.last is not None and self._mass is not None:
             radius, mass = self._mass

@@ -174,7 +174,8 @@ class PosteriorTarget:
             comparison.read_shapes(place)
         if self._calls.stop:  # a sampler may be at work for minutes between two calls
             raise Stopped(self._calls.stop)
-        self.display.wait(self._made, self.storage)
+        if self.display.waits:
+            self.show(0, self.display.starts)
         return comparison.ln_likelihood(points, mean, variance, details)
 
     def _compared(self) -> Comparison:
@@ -261,12 +262,8 @@ class PosteriorTarget:
 
     def show(self, more: int, small: bool = False) -> None:
         """Show ``more`` calls, those with few particles apart, or steps of a chain."""
-        self.display.update(more, self._made, self.storage, small)
-
-    @property
-    def _made(self) -> int:
-        """Calls with all particles, those of all factors."""
-        return sum(count for name, count in self._calls.calls.items() if name.startswith("full"))
+        made = sum(count for name, count in self._calls.calls.items() if name.startswith("full"))  # of all factors
+        self.display.update(more, made, self.storage, small)
 
     def counts(self) -> dict[str, Any]:
         """Return the calls, those of the search for a start, and the rejections by reason; before a resumption too."""
