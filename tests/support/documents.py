@@ -73,6 +73,7 @@ HOSTS: dict[str, dict[str, Any]] = {
     "many_streams": {"halo.mass": [4e11, 5e11], "halo.rs": 16.0, "halo.q": 1.0, "disc.mass": 6.8e10},
     "nonparametric": {"halo.mass_inside": [1.2e11, 1.3e11], "disc.mass": 6.8e10},
     "mock_encounter": {"v0": [215, 230]},
+    "atlas_encounter": {"v0": [215, 225]},
     "moving_host": {"halo.orientation.2.values.0": [-120, 120]},
     "slowing_bar": {"bar.pattern_speed.values.0": [-70, -35]},
     "ophiuchus": {"bar.pattern_speed": [-60, -30]},
