@@ -10,13 +10,17 @@ from streamkit.report import progress as lines
 from streamkit.sample import SamplingProgress, Storage, progress
 
 
-def test_calls_with_few_particles_are_counted_apart(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """One call a second: 100 of a start, then 200 of at most 8000, and between them 50 of another start."""
+@pytest.fixture(name="now")
+def clock(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
+    """Let the time be ``value``, in seconds."""
     now = SimpleNamespace(value=100.0)
     for module, name in ((lines.time, "monotonic"), (progress, "monotonic")):
         monkeypatch.setattr(module, name, lambda: now.value)
+    return now
+
+
+def test_calls_with_few_particles_are_counted_apart(now: SimpleNamespace, capsys: pytest.CaptureFixture[str]) -> None:
+    """One call a second: 100 of a start, then 200 of at most 8000, and between them 50 of another start."""
     display, storage, full = SamplingProgress(shown=True), Storage(), 0
     display.expect(8000)
     for count, small, remark in ((100, True, "644 draws"), (100, False, "round 1"), (50, True, ""), (100, False, "")):
@@ -33,13 +37,8 @@ def test_calls_with_few_particles_are_counted_apart(
     ]
 
 
-def test_a_sampler_that_makes_no_call_is_seen_to_work(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_sampler_that_makes_no_call_is_seen_to_work(now: SimpleNamespace, capsys: pytest.CaptureFixture[str]) -> None:
     """After one call it is at work for two minutes and a half: a line for each whole minute."""
-    now = SimpleNamespace(value=100.0)
-    for module, name in ((lines.time, "monotonic"), (progress, "monotonic")):
-        monkeypatch.setattr(module, name, lambda: now.value)
     display, storage = SamplingProgress(shown=True), Storage()
     display.update(1, 1, storage)
     display.remark("two populations")

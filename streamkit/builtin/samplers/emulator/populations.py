@@ -215,9 +215,9 @@ class Population:
                 moves = self.moves()
             last = done == sweeps - 1
             self._sweep(moves, follow=follow and (last or (done % RENEWED == RENEWED - 1 and not self._several)))
-            if self._several and last:
-                self._draws = self._draws and moves.rates[1] >= RARE
-                self._follows = self._follows and (not follow or moves.rates[3] >= TOO_RARE_TO_FOLLOW)
+        if self._several:
+            self._draws = self._draws and moves.rates[1] >= RARE
+            self._follows = self._follows and (not follow or moves.rates[3] >= TOO_RARE_TO_FOLLOW)
         return self
 
     def _sweep(self, moves: Moves, follow: bool = True) -> None:
