@@ -60,6 +60,8 @@ COPIES = ((1.0, 0.4), (0.5, 0.2), (0.25, 0.2))
 LEAST_KNOWN, ENDS = 0.2, 0.6
 # Fraction of a round's new points of the posterior that are pairs: two calls at one place differ by their noise alone.
 PAIRED = 0.5
+# A factor with fewer calls left than this is called no more.
+FEW = 16
 # The posterior is compared with that of the emulators of so many rounds before.
 ROUNDS = 2
 # Standard deviations by which the posterior that fresh calls have tested and the one that is given may differ: two sets
@@ -169,7 +171,7 @@ class Rounds:
             samples = every_so_often(result.samples, 4 * SOME)
             wanted = self._wanted(known, samples, max_calls)
             before = [each.emulated for each in wanted]
-            self._call(known, wanted, copies, seed, ENDS if blurred(known) else LEAST_KNOWN)
+            self._call(known, wanted, copies, max_calls, seed)
             self._learn(known, copies)
             self._taught(wanted, before, samples)
             turn += 1
@@ -192,7 +194,7 @@ class Rounds:
 
     def _wanted(self, known: Sequence[Known], samples: Array, max_calls: int) -> list[Known]:
         """Return the factors below their most calls that are not learned at samples (n, d); else all of those."""
-        left = [each for each in known if len(each.calls) < max_calls]
+        left = [each for each in known if max_calls - len(each.calls) >= FEW]
         away = [moved_away(each, samples) if self._is_learned(each) else np.inf for each in left]
         for by in (FAR, LEFT):
             if wanted := [each for each, moved in zip(left, away, strict=True) if moved >= by]:
@@ -200,15 +202,17 @@ class Rounds:
         return left
 
     def _call(
-        self, known: Sequence[Known], wanted: Sequence[Known], copies: Sequence[Array], seed: list[int], least: float
+        self, known: Sequence[Known], wanted: Sequence[Known], copies: Sequence[Array], max_calls: int, seed: list[int]
     ) -> None:
-        """Call factors at places of the posterior and of its copies, the share ``least`` where they are least known."""
+        """Call factors at places of the posterior and of its copies, and where they are least known."""
         rng, several = np.random.default_rng([*seed, 4]), len(self._factors) > 1
+        least = ENDS if blurred(known) else LEAST_KNOWN
+        shares = least + sum(share for _, share in COPIES)
         chosen: list[tuple[Known, Array]] = []
-        for each, size in zip(known, new_calls(known), strict=True):
+        for each, asked in zip(known, new_calls(known), strict=True):
             if each not in wanted:
                 continue
-            places = []
+            places, size = [], min(asked, int((max_calls - len(each.calls)) / shares))
             for (_, share), copy in zip(COPIES, copies, strict=True):
                 some = np.unique(copy.reshape(-1, copy.shape[2])[:, each.factor.columns], axis=0)  # a walker may rest
                 places.append(to_call(each.emulated, some, int(share * size), rng))
@@ -302,7 +306,8 @@ class Rounds:
         return float(np.quantile(np.abs(total).max(axis=(1, 2)), LIKELY))
 
     def _is_over(self, known: Sequence[Known], max_calls: int) -> bool:
-        return all(len(each.calls) >= max_calls for each in known) or self._factors[0].problem.time_left() <= 0
+        full = all(max_calls - len(each.calls) < FEW for each in known)
+        return full or self._factors[0].problem.time_left() <= 0
 
     # The end
 
