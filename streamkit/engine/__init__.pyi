@@ -27,3 +27,4 @@ from .records import ParticleRecords as ParticleRecords
 from .records import record as record
 from .remnant import bound_shells as bound_shells
 from .slices import SLICES as SLICES
+from .whitening import whiten as whiten

@@ -11,6 +11,7 @@ from pydantic import ValidationError
 from scipy.stats import multivariate_normal, norm
 
 import streamkit as sk
+from streamkit.builtin.observables.track import extra_error
 from streamkit.builtin.observables.track.observable import Track
 from streamkit.testing.streams import example_stream
 
@@ -33,9 +34,26 @@ def track(**fields: Any) -> Track:
     return Track(**{"frame": FRAME, "phi2_extra_error": 0.8, "extra_error_length": 9.0} | given | fields)
 
 
+@pytest.fixture(autouse=True, params=[0, extra_error.FEW], ids=["as many data", "as few data"])
+def either_way(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Few data of many points are factorised side by side, many data by LAPACK."""
+    monkeypatch.setattr(extra_error, "FEW", request.param)
+
+
 @pytest.fixture(scope="module")
 def prediction() -> sk.Prediction:
     return track().predict(example_stream())
+
+
+def test_two_columns_have_covariances_of_their_own(prediction: sk.Prediction) -> None:
+    observable = track(distance_extra_error=1.5)
+    values, errors = observable.data()
+    expected = sum(
+        multivariate_normal(prediction.mean[rows], smooth(size, 9.0) + np.diag(errors[rows] ** 2)).logpdf(values[rows])
+        for rows, size in ((slice(6), 0.8), (slice(6, 12), 1.5))
+    )
+    expected += prediction.details["ln_coverage"].sum()
+    assert observable.ln_likelihood(prediction, False) == pytest.approx(expected, rel=1e-12)
 
 
 @pytest.mark.parametrize("noise", [False, True])

@@ -7,10 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from streamkit import Array
+from streamkit import Array, engine
 
-# Most numbers of the covariances that are factorised at a time; a residual beyond which there is no likelihood.
-AT_A_TIME, FARTHEST = 2**22, 1e100
+# Most data of all columns whose covariances are factorised side by side for many points. Beyond, LAPACK is quicker: of
+# each column, and of so many numbers at a time.
+FEW, AT_A_TIME = 100, 2**22
+# A residual beyond which there is no likelihood.
+FARTHEST = 1e100
 
 
 class ExtraError(NamedTuple):
@@ -47,7 +50,7 @@ def squares_of(phi1: Array) -> Array:
 def whitened(
     away: Sequence[Array], variance: Sequence[Array], extra: Sequence[ExtraError | None], pairs: Array | None
 ) -> tuple[Array, Array]:
-    """Return the residuals (..., m) of columns with a joint Gaussian, each given those before it, and their deviations.
+    """Return the residuals (..., m) of columns with extra errors, each given those before it, and their deviations.
 
     The residuals are in units of the standard deviations (..., m). So they are independent, and of variance 1.
 
@@ -58,8 +61,45 @@ def whitened(
     extra
         The extra error of each column.
     pairs
-        (k,) covariances of the errors of two columns, datum by datum.
+        (k,) covariances of the errors of the first two columns, datum by datum.
     """
+    if sum(np.shape(part)[-1] for part in away) <= FEW:
+        return _side_by_side(away, variance, extra, pairs)
+    together = 1 if pairs is None else 2
+    groups = [slice(together), *(slice(i, i + 1) for i in range(together, len(away)))]
+    found = [_factorised(away[each], variance[each], extra[each], pairs if each.start is None else None)
+             for each in groups]  # fmt: skip
+    white, scale = (np.concatenate(parts, axis=-1) for parts in zip(*found, strict=True))
+    return white, scale
+
+
+def _side_by_side(
+    away: Sequence[Array], variance: Sequence[Array], extra: Sequence[ExtraError | None], pairs: Array | None
+) -> tuple[Array, Array]:
+    """Return what `whitened` does, for few data and many points."""
+    joined, diagonal = np.broadcast_arrays(np.concatenate(away, axis=-1), np.concatenate(variance, axis=-1))
+    shape, m = joined.shape, joined.shape[-1]
+    joined, diagonal = joined.reshape(-1, m), diagonal.reshape(-1, m)
+    size, length = np.zeros((2, len(joined), len(extra)))
+    squares, column, first = np.zeros((m, m)), np.full(m, -1), np.zeros(m, dtype=np.int64)
+    begin = 0
+    for i, (part, error) in enumerate(zip(away, extra, strict=True)):
+        end = begin + np.shape(part)[-1]
+        if pairs is None or i > 1:
+            first[begin:end] = begin
+        if error is not None:
+            squares[begin:end, begin:end], column[begin:end] = error.squares, i
+            size[:, [i]], length[:, [i]] = error.size, error.length
+        begin = end
+    none = np.empty(0) if pairs is None else pairs
+    white, scale = engine.whiten(joined, diagonal, squares, column, first, size, length, none, FARTHEST)
+    return white.reshape(shape), scale.reshape(shape)
+
+
+def _factorised(
+    away: Sequence[Array], variance: Sequence[Array], extra: Sequence[ExtraError | None], pairs: Array | None
+) -> tuple[Array, Array]:
+    """Return what `whitened` does, of one column or of two with a covariance, for many data."""
     joined, diagonal = np.broadcast_arrays(np.concatenate(away, axis=-1), np.concatenate(variance, axis=-1))
     shape, m = joined.shape, joined.shape[-1]
     joined, diagonal = joined.reshape(-1, m), diagonal.reshape(-1, m)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import reduce
 from typing import NamedTuple
 
@@ -12,6 +12,7 @@ from scipy.special import log_ndtr, ndtri_exp
 from streamkit import Array
 from streamkit.builtin.observables.track.extra_error import ExtraError, whitened
 
+NO_OUTLIERS = 0.0, 1.0  # the Gaussian of outliers where there are none
 BROAD = 3.0  # errors that are added to the scatter of the data for the width of the Gaussian of outliers
 
 
@@ -108,40 +109,41 @@ def ln_of_each(compared: Iterable[tuple[str, Side]], pair: Sequence[str], covari
 def residual_of_each(compared: Iterable[tuple[str, Side]], pair: Sequence[str], covariance: Array | None) -> Array:
     """(m,) The normal scores of all data. A datum of a column with an extra error is conditional on those before it."""
     sides = dict(compared)
-    scores = {name: mixture_residuals(side) for name, side in sides.items()}
-    for names, white, _ in _joint(sides, pair, covariance):
-        for name, score in zip(names, _parts(sides, names, white), strict=True):
-            scores[name] = np.copysign(np.sqrt(score**2 - 2 * sides[name].ln_coverage), score)
-    return np.concatenate(list(scores.values()))
+    names, white, _ = _joint(sides, pair, covariance)
+    scores = {name: mixture_residuals(side) for name, side in sides.items() if name not in names}
+    for name, score in zip(names, _parts(sides, names, white), strict=True):
+        scores[name] = np.copysign(np.sqrt(score**2 - 2 * sides[name].ln_coverage), score)
+    return np.concatenate([scores[name] for name in sides])
 
 
 def _ln_joint(sides: Mapping[str, Side], pair: Sequence[str], covariance: Array | None) -> dict[str, Array]:
     """Return the terms (..., k) of columns with an extra error, by name."""
-    found: dict[str, Array] = {}
-    for names, white, scale in _joint(sides, pair, covariance):
-        terms = -0.5 * (white**2 + np.log(2 * np.pi)) - np.log(scale)
-        parts = _parts(sides, names, terms)
-        found |= {name: part + sides[name].ln_coverage for name, part in zip(names, parts, strict=True)}
-    return found
+    names, white, scale = _joint(sides, pair, covariance)
+    parts = _parts(sides, names, -0.5 * (white**2 + np.log(2 * np.pi)) - np.log(scale))
+    return {name: part + sides[name].ln_coverage for name, part in zip(names, parts, strict=True)}
 
 
 def _joint(
     sides: Mapping[str, Side], pair: Sequence[str], covariance: Array | None
-) -> Iterator[tuple[tuple[str, ...], Array, Array]]:
-    """Return columns with a joint Gaussian: their names, white residuals (..., m) and standard deviations (..., m)."""
-    paired = covariance is not None and len(pair) > 0
-    groups = [tuple(pair)] * paired + [(name,) for name in sides if not (paired and name in pair)]
-    for names in groups:
-        group = [sides[name] for name in names]
-        if all(side.extra is None for side in group):
-            continue
-        away, variance = [side.value - side.mean for side in group], [side.variance for side in group]
-        both = covariance if len(names) > 1 else None
-        yield names, *whitened(away, variance, [side.extra for side in group], both)
+) -> tuple[tuple[str, ...], Array, Array]:
+    """Return the columns with extra errors: names, white residuals (..., m) and standard deviations (..., m).
+
+    A pair with a covariance comes first, where one of it has an extra error.
+    """
+    extra = [name for name, side in sides.items() if side.extra is not None]
+    paired = covariance is not None and not set(extra).isdisjoint(pair)
+    names = (*pair, *(name for name in extra if name not in pair)) if paired else tuple(extra)
+    if not names:
+        return (), np.empty(0), np.empty(0)
+    group = [sides[name] for name in names]
+    away, variance = [side.value - side.mean for side in group], [side.variance for side in group]
+    return names, *whitened(away, variance, [side.extra for side in group], covariance if paired else None)
 
 
 def _parts(sides: Mapping[str, Side], names: Sequence[str], joined: Array) -> list[Array]:
     """Return the (..., k) of each column from those of all (..., m)."""
+    if not names:
+        return []
     return np.split(joined, np.cumsum([len(sides[name].value) for name in names])[:-1], axis=-1)
 
 

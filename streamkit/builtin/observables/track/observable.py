@@ -30,7 +30,14 @@ from streamkit.builtin.observables.track.columns import (
 )  # fmt: skip
 from streamkit.builtin.observables.track.draws import new_values
 from streamkit.builtin.observables.track.extra_error import ExtraError, squares_of
-from streamkit.builtin.observables.track.likelihood import Side, ln_of_each, ln_sum, residual_of_each, scatter_of
+from streamkit.builtin.observables.track.likelihood import (
+    NO_OUTLIERS,
+    Side,
+    ln_of_each,
+    ln_sum,
+    residual_of_each,
+    scatter_of,
+)
 from streamkit.builtin.observables.track.lines import (
     ENOUGH,
     Lines,
@@ -169,6 +176,8 @@ class Track(sk.Observable):
             )
         check_turn(self.given, self.unwrapped)
         check_extra_errors(self, self._pair)
+        if any(np.any(extra_error_of(self, name)) for name in self.given):
+            _ = self._squares  # copies with other extra errors keep it
         if self.gsr_sun is not None and (len(self.gsr_sun) != 3 or self.velocity_frame != "gsr"):
             raise ValueError('gsr_sun takes three velocities, and velocity_frame = "gsr"')
         return self
@@ -316,7 +325,8 @@ class Track(sk.Observable):
                 variance = variance + prediction.variance[part]
             outliers = 0.0 if name == DEPTH else getattr(self, f"{name}_outliers")
             coverage = prediction.details["ln_coverage"][part]
-            size, background = extra_error_of(self, name), scatter_of(value, error)
+            background = scatter_of(value, error) if np.any(outliers) else NO_OUTLIERS
+            size = extra_error_of(self, name)
             extra = ExtraError(self._squares[name], size, self.extra_error_length) if np.any(size) else None
             yield name, Side(value, variance, prediction.mean[part], coverage, outliers, background, extra)
 
