@@ -12,7 +12,7 @@ from scipy.special import logsumexp
 from scipy.stats import norm, poisson
 
 import streamkit as sk
-from streamkit.builtin.observables.track.likelihood import Side, ln_mixture, scatter_of
+from streamkit.builtin.observables.track.likelihood import Side, background_of, ln_mixture
 from streamkit.builtin.observables.track.lines import REACH, WING, Debris, gather, lines_at, ln_coverage, local_lines
 from streamkit.builtin.observables.track.observable import Track
 from streamkit.stream import orbital_plane
@@ -133,7 +133,7 @@ def test_the_mixture_is_its_formula() -> None:
     parts = [np.log(0.7) + coverage + norm(mean, error).logpdf(value), np.log(0.3) + norm(1.0, 9.0).logpdf(value)]
     found = ln_mixture(Side(value, error**2, mean, coverage, 0.3, (1.0, 9.0)))
     assert found == pytest.approx(logsumexp(parts, axis=0))
-    assert scatter_of(np.array([3.0]), np.array([2.0])) == (3.0, 6.0)
+    assert background_of(np.array([3.0]), np.array([2.0]), 0.1) == (3.0, 6.0)
 
 
 def table(name: str, phi1: Any, value: Any, error: float) -> dict[str, list[float]]:

@@ -12,7 +12,6 @@ from scipy.special import log_ndtr, ndtri_exp
 from streamkit import Array
 from streamkit.builtin.observables.track.extra_error import ExtraError, whitened
 
-NO_OUTLIERS = 0.0, 1.0  # the Gaussian of outliers where there are none
 BROAD = 3.0  # errors that are added to the scatter of the data for the width of the Gaussian of outliers
 
 
@@ -152,6 +151,11 @@ def ln_gaussian(difference: Array, variance: Array) -> Array:
     return np.asarray(-0.5 * (difference**2 / variance + np.log(2 * np.pi * variance)))
 
 
-def scatter_of(value: Array, error: Array) -> tuple[float, float]:
-    """Return the mean, and a width that holds data and outliers: the data's variance plus (3 errors)^2."""
+def background_of(value: Array, error: Array, outliers: float | Array) -> tuple[float, float]:
+    """Return the mean, and a width that holds data and outliers: the data's variance plus (3 errors)^2.
+
+    Where no fraction is of outliers, any Gaussian will do.
+    """
+    if not np.any(outliers):
+        return 0.0, 1.0
     return float(value.mean()), float(np.sqrt(value.var() + (BROAD * error).mean() ** 2))

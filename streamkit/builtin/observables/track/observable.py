@@ -30,14 +30,7 @@ from streamkit.builtin.observables.track.columns import (
 )  # fmt: skip
 from streamkit.builtin.observables.track.draws import new_values
 from streamkit.builtin.observables.track.extra_error import ExtraError, squares_of
-from streamkit.builtin.observables.track.likelihood import (
-    NO_OUTLIERS,
-    Side,
-    ln_of_each,
-    ln_sum,
-    residual_of_each,
-    scatter_of,
-)
+from streamkit.builtin.observables.track.likelihood import Side, background_of, ln_of_each, ln_sum, residual_of_each
 from streamkit.builtin.observables.track.lines import (
     ENOUGH,
     Lines,
@@ -325,8 +318,7 @@ class Track(sk.Observable):
                 variance = variance + prediction.variance[part]
             outliers = 0.0 if name == DEPTH else getattr(self, f"{name}_outliers")
             coverage = prediction.details["ln_coverage"][part]
-            background = scatter_of(value, error) if np.any(outliers) else NO_OUTLIERS
-            size = extra_error_of(self, name)
+            size, background = extra_error_of(self, name), background_of(value, error, outliers)
             extra = ExtraError(self._squares[name], size, self.extra_error_length) if np.any(size) else None
             yield name, Side(value, variance, prediction.mean[part], coverage, outliers, background, extra)
 
