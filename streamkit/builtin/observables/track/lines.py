@@ -99,6 +99,13 @@ def is_gap(ln_c: Array) -> BoolArray:
     return np.asarray(ln_c < ln_coverage(np.log(ENOUGH)), dtype=bool)
 
 
+def share_near(at: Array, ln_count: Array, kernel: float, debris: float) -> float:
+    """Return about which share of so much debris is between the first and the last of longitudes (m,) of lines."""
+    order = np.argsort(at)
+    density = np.exp(np.minimum(ln_count[order], LN_MOST)) / (math.sqrt(2 * math.pi) * kernel)
+    return float(np.trapezoid(density, at[order]) / debris)
+
+
 def warning_of_gaps(subject: str, empty: Array, kernel: float) -> str:
     """Return the warning that data, the subject, lie at longitudes (k,) without debris under the kernel."""
     where = ", ".join(f"{angle:g}" for angle in empty[:8]) + (", ..." if len(empty) > 8 else "")

@@ -40,11 +40,12 @@ from streamkit.builtin.observables.track.lines import (
     is_enough,
     lines_at,
     ln_coverage,
+    share_near,
     too_few,
 )
 from streamkit.builtin.observables.track.members import MEMBERS, MOTIONS, Members, members_of, which_columns
 from streamkit.builtin.observables.track.panels import column_label, column_panel, fine_grid, longitude_label
-from streamkit.builtin.observables.track.remarks import remarks_of
+from streamkit.builtin.observables.track.remarks import remark_of_debris, remarks_of
 from streamkit.builtin.observables.track.shared_table import TABLE, check_sources, data_of, redrawn
 
 BROADEST = 45.0  # largest kernel in degrees: an eighth of a turn
@@ -233,15 +234,17 @@ class Track(sk.Observable):
     def predict(self, stream: sk.Stream) -> sk.Prediction:
         """Fit the line at every longitude.
 
-        The details hold, for every datum, the spread (m,) of the debris about it, and `ln_coverage` (m,).
+        The details hold the spread (m,) of the debris and `ln_coverage` (m,) of every datum, and how much is `near` them.
         """
         different, which = self._places
-        if not is_enough(stream, debris_of(stream, self.arm)):
+        chosen = debris_of(stream, self.arm)
+        if not is_enough(stream, chosen):
             return too_few(self.names)
         lines, of = self.lines(stream, different)
         parts = [self.part_of(name, lines, of.index(column_of(name)), which[name]) for name in self.given]
         mean, variance, spread, count = (np.concatenate(part) for part in zip(*parts, strict=True))
-        details = {"spread": spread, "ln_coverage": ln_coverage(count)}
+        near = share_near(different, lines.ln_count, self.kernel, stream.weight[chosen].sum())
+        details = {"spread": spread, "ln_coverage": ln_coverage(count), "near": np.array(near)}
         return sk.Prediction(self.names, mean, variance, details=details)
 
     def lines(self, stream: sk.Stream, at: sk.Array) -> tuple[Lines, list[str]]:
@@ -386,10 +389,11 @@ class Track(sk.Observable):
         return {name: (grid, np.where(there, part, np.nan)) for name, part in parts.items()}
 
     def remarks(self, prediction: sk.Prediction) -> tuple[str, ...]:
-        """Warn of data at longitudes where the stream has no debris, and of longitudes in radians."""
+        """Warn of data where there is no debris, of debris where there are no data, and of longitudes in radians."""
         if prediction.why_not:
             return ()
-        return remarks_of(self.given, self.quantities(), prediction.details["ln_coverage"], self.kernel)
+        remarks = remarks_of(self.given, self.quantities(), prediction.details["ln_coverage"], self.kernel)
+        return remarks + remark_of_debris(float(prediction.details["near"]), len(self._places[0]))
 
     def radii(self) -> dict[str, float]:
         """Return the least and the greatest Galactocentric radius of the distances, seen from 8 kpc at phi2 = 0."""

@@ -10,6 +10,8 @@ import streamkit as sk
 from streamkit.builtin.observables.track.lines import is_gap, warning_of_gaps
 
 Given = Mapping[str, tuple[sk.Array, sk.Array, sk.Array]]
+FEW = 3  # longitudes between which debris is counted, at least
+FAR = 0.6  # share of the debris that may be elsewhere without a remark
 SHORT = 0.1  # of the range of the other data: data over a shorter one may be in radians
 ALIKE = 0.3  # of that range, which they cover at least if they are
 
@@ -26,6 +28,16 @@ def remarks_of(given: Given, rows: Mapping[str, sk.IntArray], coverage: sk.Array
         if len(phi1)
     )
     return (*in_radians(given), *gaps)
+
+
+def remark_of_debris(near: float, places: int) -> tuple[str, ...]:
+    """Return a remark if too little of the debris is between so many longitudes of the data."""
+    if near >= 1 - FAR or places < FEW:
+        return ()
+    return (
+        "Most of the debris is beyond the longitudes of the data: most particles cost time and tell nothing. If the "
+        "age of the stream may be chosen, a shorter progenitor.lookback leaves less noise, in less time.",
+    )
 
 
 def in_radians(given: Given) -> list[str]:

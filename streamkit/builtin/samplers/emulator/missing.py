@@ -68,11 +68,13 @@ def moved_away(each: Known, samples: Array) -> float:
 
     It is infinite before the first calls.
     The error of an emulator is measured on its calls. It says little elsewhere. Calls of an earlier run are taken to be
-    there until fresh calls say otherwise.
+    there until fresh calls say otherwise. Coordinates that no prediction depends on, such as extra errors, are left
+    out: a call is the same anywhere along them.
     """
     if not len(each.called_at):
         return 0.0 if len(each.factor.earlier) else np.inf
-    return difference(each.called_at, samples[:, each.factor.columns])
+    matters = each.factor.problem.coordinates
+    return difference(each.called_at[:, matters], samples[:, each.factor.columns[matters]])
 
 
 def blurred(known: Sequence[Known]) -> str:
