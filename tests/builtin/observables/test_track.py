@@ -244,6 +244,17 @@ def test_where_there_is_no_debris_is_said(stream: sk.Stream, places: np.ndarray)
     assert observable.remarks(track(phi2=table("phi2", places, [0.0] * 5, 1.0)).predict(stream)) == ()
 
 
+def test_data_that_see_little_of_the_debris_are_said(stream: sk.Stream, places: np.ndarray) -> None:
+    """Between the ends of the data, by counting particles."""
+    longitude = stream.seen(FRAME).lon[~stream.bound]
+    for part, said in ((np.linspace(*np.quantile(longitude, [0.3, 0.5]), 9), True), (places, False)):
+        observable = track(phi2=table("phi2", part, [0.0] * len(part), 1.0))
+        prediction = observable.predict(stream)
+        counted = np.mean((longitude > part.min()) & (longitude < part.max()))
+        assert float(prediction.details["near"]) == pytest.approx(counted, abs=0.05)
+        assert any("beyond the longitudes of the data" in text for text in observable.remarks(prediction)) == said
+
+
 def test_a_datum_of_one_star_and_several_at_one_longitude_are_data(stream: sk.Stream, places: np.ndarray) -> None:
     one = track(phi2=table("phi2", places[:1], [0.0], 1.0), phi2_outliers=0.1)
     assert np.isfinite(one.ln_likelihood(one.predict(stream), False))

@@ -42,6 +42,12 @@ def test_two_streams_and_data_of_the_host() -> None:
     assert left == "the posterior has moved away from the last calls of stream 1"
     assert moved_away(progress.known[1], progress.populations.samples) < FAR  # by 0.55 in each coordinate
     first, samples = progress.known[0], progress.populations.samples
+    matters = first.factor.problem.coordinates
+    assert matters.all()
+    first.called_at[:, 0] += 2 * first.called_at[:, 0].std()
+    assert moved_away(first, samples) > FAR
+    matters[0] = False  # no prediction depends on it
+    assert moved_away(first, samples) < LEFT
     first.called_at = np.empty((0, 0))
     assert moved_away(first, samples) >= LEFT
     first.factor = replace(first.factor, earlier=first.calls.theta)  # a run that takes the calls of an earlier one

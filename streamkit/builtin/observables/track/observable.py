@@ -234,7 +234,7 @@ class Track(sk.Observable):
     def predict(self, stream: sk.Stream) -> sk.Prediction:
         """Fit the line at every longitude.
 
-        The details hold the spread (m,) of the debris and `ln_coverage` (m,) of every datum, and how much is `near` them.
+        The details hold the spread (m,) and `ln_coverage` (m,) at every datum, and the share of debris `near` them.
         """
         different, which = self._places
         chosen = debris_of(stream, self.arm)
