@@ -271,9 +271,9 @@ class Rounds:
             each.blur = blur_of(each.emulated, mine)
             each.before = [*each.before, each.emulated][-ROUNDS:]
         rows = ", ".join(f"{each.factor.name} {len(each.calls)} (error {each.own_error:.1f})" for each in known)
-        now = Progress(known, joint, result, moved, uncertain, missing=before_a_test(known, samples, moved, uncertain))
-        self._note(f"calls: {rows}; {now.missing or f'moved {moved:.2f} sd, uncertain by {uncertain:.2f} sd'}")
-        return now
+        missing = before_a_test(known, samples, moved, uncertain)
+        self._note(f"calls: {rows}; moved {moved:.2f} sd, uncertain by {uncertain:.2f} sd; {missing or 'tested now'}")
+        return Progress(known, joint, result, moved, uncertain, missing=missing)
 
     def _moved(self, known: Sequence[Known], joint: Joint, samples: Array) -> float:
         """Return how much the posterior has moved since `ROUNDS` rounds ago; infinite before there are so many."""
