@@ -33,6 +33,7 @@ from streamkit.builtin.samplers.emulator.missing import (
     LEFT,
     NOISE,
     SETTLED,
+    UNCERTAIN,
     apart,
     before_a_test,
     blurred,
@@ -41,13 +42,7 @@ from streamkit.builtin.samplers.emulator.missing import (
 )
 from streamkit.builtin.samplers.emulator.pairs import paired
 from streamkit.builtin.samplers.emulator.places import least_known, to_call
-from streamkit.builtin.samplers.emulator.populations import (
-    TESTED,
-    Populations,
-    go_on,
-    sample,
-    tempered,
-)
+from streamkit.builtin.samplers.emulator.populations import TESTED, Populations, go_on, sample, tempered
 from streamkit.builtin.samplers.emulator.reach import leading
 from streamkit.builtin.samplers.emulator.recall import Recall, recall
 from streamkit.builtin.samplers.emulator.start import SOME, Known, Starter, begin_apart, own_error_of
@@ -169,7 +164,7 @@ class Rounds:
             if not now.missing or over:
                 return
             samples = every_so_often(result.samples, 4 * SOME)
-            wanted = self._wanted(known, samples, max_calls)
+            wanted = self._wanted(known, now, samples, max_calls)
             before = [each.emulated for each in wanted]
             self._call(known, wanted, copies, max_calls, seed)
             self._learn(known, copies)
@@ -192,11 +187,14 @@ class Rounds:
         """Return two sets of places to come to the posterior anew: those of the starts, and the last ones."""
         return [np.concatenate(pair) for pair in zip(begin_apart(known), result.last, strict=True)]
 
-    def _wanted(self, known: Sequence[Known], samples: Array, max_calls: int) -> list[Known]:
-        """Return the factors below their most calls that are not learned at samples (n, d); else all of those."""
-        left = [each for each in known if max_calls - len(each.calls) >= FEW]
-        away = [moved_away(each, samples) if self._is_learned(each) else np.inf for each in left]
-        for by in (FAR, LEFT):
+    def _wanted(self, known: Sequence[Known], now: Progress, samples: Array, max_calls: int) -> list[Known]:
+        """Return the factors below their most calls that are not learned at samples (n, d); else all of those.
+
+        Those that the posterior has left wait until it moves no more.
+        """
+        left, quiet = [each for each in known if max_calls - len(each.calls) >= FEW], now.uncertain < UNCERTAIN
+        away = [moved_away(each, samples) if self._is_learned(each, quiet) else np.inf for each in left]
+        for by in (FAR, LEFT) if now.moved >= SETTLED else (LEFT,):
             if wanted := [each for each, moved in zip(left, away, strict=True) if moved >= by]:
                 return wanted
         return left
@@ -226,10 +224,10 @@ class Rounds:
         for each, z in chosen:
             each.calls += Calls.at(each.factor.problem, each.calls.space, z)
 
-    def _is_learned(self, each: Known) -> bool:
-        """Whether a factor needs no more calls where it was last called, as far as is known."""
+    def _is_learned(self, each: Known, quiet: bool) -> bool:
+        """Whether a factor needs no more calls where it was last called; ``quiet`` if the noise of all is small."""
         passed = each.certificate is None or not each.certificate.faults
-        return passed and each.blur < BLURRED and each.share < SHARE * NOISE**2 and each.taught < SETTLED
+        return passed and each.blur < BLURRED and (quiet or each.share < SHARE * NOISE**2) and each.taught < SETTLED
 
     def _taught(self, called: Sequence[Known], before: Sequence[Emulated], samples: Array) -> None:
         """Note what the last calls of factors have changed of the posterior of samples (n, d), and where they were."""
