@@ -18,10 +18,11 @@ from scipy.stats import binom, norm
 
 import streamkit as sk
 from streamkit.sample.calls.comparison import Comparison
+from streamkit.study.calibration.draw import MASS_RADII
 from streamkit.study.calibration.mocks import draw_mock
 
 GRID, FINE = (17, 13), (201, 181)  # places along the parameters: of streams, and of the sums
-RADII = np.array([50.0, 100.0, 200.0])  # kpc
+RADII = np.array(MASS_RADII)
 FIRST_SEED = 9000  # of the grid's streams, which are none of the fits'
 PART = 4000  # places that are compared at a time
 

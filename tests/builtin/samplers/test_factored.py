@@ -8,8 +8,17 @@ import pytest
 from joints import LinearFactors, factors_of
 from shortened import take_few_steps
 
-from streamkit.builtin.samplers.emulator.missing import FAR, LEFT, NOISE, SETTLED, before_a_test, moved_away, new_calls
-from streamkit.builtin.samplers.emulator.rounds import FEW, Rounds
+from streamkit.builtin.samplers.emulator.missing import (
+    FAR,
+    FEW,
+    LEFT,
+    NOISE,
+    SETTLED,
+    before_a_test,
+    moved_away,
+    new_calls,
+)
+from streamkit.builtin.samplers.emulator.rounds import Rounds
 
 pytestmark = pytest.mark.usefixtures("short_walks")
 MEAN, WIDTH = 0.2, 0.15  # standard deviations, fractions

@@ -73,13 +73,19 @@ def whitened(
     return white, scale
 
 
+def _joined(away: Sequence[Array], variance: Sequence[Array]) -> tuple[Array, Array, tuple[int, ...]]:
+    """Return the residuals and variances of all columns, (n, m) each, and the shape (..., m) of the points."""
+    joined, diagonal = np.broadcast_arrays(np.concatenate(away, axis=-1), np.concatenate(variance, axis=-1))
+    m = joined.shape[-1]
+    return joined.reshape(-1, m), diagonal.reshape(-1, m), joined.shape
+
+
 def _side_by_side(
     away: Sequence[Array], variance: Sequence[Array], extra: Sequence[ExtraError | None], pairs: Array | None
 ) -> tuple[Array, Array]:
     """Return what `whitened` does, for few data and many points."""
-    joined, diagonal = np.broadcast_arrays(np.concatenate(away, axis=-1), np.concatenate(variance, axis=-1))
-    shape, m = joined.shape, joined.shape[-1]
-    joined, diagonal = joined.reshape(-1, m), diagonal.reshape(-1, m)
+    joined, diagonal, shape = _joined(away, variance)
+    m = shape[-1]
     size, length = np.zeros((2, len(joined), len(extra)))
     squares, column, first = np.zeros((m, m)), np.full(m, -1), np.zeros(m, dtype=np.int64)
     begin = 0
@@ -100,15 +106,14 @@ def _factorised(
     away: Sequence[Array], variance: Sequence[Array], extra: Sequence[ExtraError | None], pairs: Array | None
 ) -> tuple[Array, Array]:
     """Return what `whitened` does, of one column or of two with a covariance, for many data."""
-    joined, diagonal = np.broadcast_arrays(np.concatenate(away, axis=-1), np.concatenate(variance, axis=-1))
-    shape, m = joined.shape, joined.shape[-1]
-    joined, diagonal = joined.reshape(-1, m), diagonal.reshape(-1, m)
+    joined, diagonal, shape = _joined(away, variance)
+    m = shape[-1]
     white, scale = np.full((2, *joined.shape), np.nan)
     least = diagonal  # no eigenvalue of the covariance is smaller
     if pairs is not None:
         one, other = np.split(diagonal, 2, axis=1)
         least = np.tile((one * other - pairs**2) / (one + other), 2)
-    known = (np.abs(joined) < FARTHEST).all(axis=1) & np.isfinite(diagonal).all(axis=1)
+    known = np.asarray((np.abs(joined) < FARTHEST).all(axis=1) & np.isfinite(diagonal).all(axis=1))
     for i in range(0, len(joined), step := max(1, AT_A_TIME // m**2)):
         rows = slice(i, i + step)
         # the root of the covariance with one more row, the residuals, has the white ones there

@@ -22,6 +22,8 @@ NOISE = 0.5 * UNCERTAIN
 # New points of a round for each parameter, in any case, and as a fraction of all calls so far; the least of several
 # factors is larger by the last: sampling all of them costs more than so many calls of each.
 ROUND, LEAST_ROUND, GROWTH, OF_SEVERAL = 8, 80, 0.15, 2
+# A factor with fewer calls left than this is called no more.
+FEW = 16
 # Standard deviations that the posterior may move after a factor's last calls: beyond, a polynomial extrapolates. Beyond
 # `FAR` it is called at once. Else it waits until the others are learned: what moves the posterior is one of these.
 LEFT, FAR = 0.5, 1.5
@@ -61,6 +63,11 @@ def new_calls(known: Sequence[Known]) -> list[int]:
     parameters = np.array([each.factor.problem.size for each in known])
     least = np.maximum(ROUND * parameters, LEAST_ROUND) * (OF_SEVERAL if several else 1)
     return [int(each) for each in np.maximum(np.maximum(least, (GROWTH * made).astype(int)), fewest)]
+
+
+def with_calls_left(known: Sequence[Known], max_calls: int) -> list[Known]:
+    """Return the factors that may be called again, where each may have so many calls."""
+    return [each for each in known if max_calls - len(each.calls) >= FEW]
 
 
 def moved_away(each: Known, samples: Array) -> float:

@@ -39,6 +39,7 @@ from streamkit.builtin.samplers.emulator.missing import (
     blurred,
     moved_away,
     new_calls,
+    with_calls_left,
 )
 from streamkit.builtin.samplers.emulator.pairs import paired
 from streamkit.builtin.samplers.emulator.places import least_known, to_call
@@ -55,8 +56,6 @@ COPIES = ((1.0, 0.4), (0.5, 0.2), (0.25, 0.2))
 LEAST_KNOWN, ENDS = 0.2, 0.6
 # Fraction of a round's new points of the posterior that are pairs: two calls at one place differ by their noise alone.
 PAIRED = 0.5
-# A factor with fewer calls left than this is called no more.
-FEW = 16
 # The posterior is compared with that of the emulators of so many rounds before.
 ROUNDS = 2
 # Standard deviations by which the posterior that fresh calls have tested and the one that is given may differ: two sets
@@ -192,7 +191,7 @@ class Rounds:
 
         Those that the posterior has left wait until it moves no more.
         """
-        left, quiet = [each for each in known if max_calls - len(each.calls) >= FEW], now.uncertain < UNCERTAIN
+        left, quiet = with_calls_left(known, max_calls), now.uncertain < UNCERTAIN
         away = [moved_away(each, samples) if self._is_learned(each, quiet) else np.inf for each in left]
         for by in (FAR, LEFT) if now.moved >= SETTLED else (LEFT,):
             if wanted := [each for each, moved in zip(left, away, strict=True) if moved >= by]:
@@ -305,8 +304,7 @@ class Rounds:
         return float(np.quantile(np.abs(total).max(axis=(1, 2)), LIKELY))
 
     def _is_over(self, known: Sequence[Known], max_calls: int) -> bool:
-        full = all(max_calls - len(each.calls) < FEW for each in known)
-        return full or self._factors[0].problem.time_left() <= 0
+        return not with_calls_left(known, max_calls) or self._factors[0].problem.time_left() <= 0
 
     # The end
 
