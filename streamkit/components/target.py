@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -73,6 +73,12 @@ class Target(Protocol):
 
     def call_factors(self, points: Mapping[str, Array]) -> None:
         """Call several factors by name at points (n, p), from one queue; their `predictions` cost nothing then."""
+
+    def spread(self, functions: Sequence[Callable[[Array], Array]]) -> Callable[[Sequence[Array]], list[Array]]:
+        """Return several functions as one, for arguments of each, which as many processes evaluate as the run may use.
+
+        The functions may call `compare`. Each process keeps them as they are at the second evaluation.
+        """
 
     @property
     def earlier(self) -> Array:

@@ -24,6 +24,7 @@ from streamkit.runfile import Prior
 from streamkit.sample.calls.comparison import Comparison
 from streamkit.sample.calls.search import Search
 from streamkit.sample.calls.signals import Stopped
+from streamkit.sample.calls.spread import Function, Spread
 from streamkit.sample.calls.workers import Workers
 from streamkit.sample.evaluation import Evaluation, details_of
 from streamkit.sample.progress import SamplingProgress
@@ -129,6 +130,16 @@ class PosteriorTarget:
                 target.storage.evaluations.add(point, evaluation)
                 target.storage.evaluations.write(at_once=False)
                 target.show(1)
+
+    def spread(self, functions: Sequence[Function]) -> Spread:
+        """Return functions as one that evaluates all at a time: see `streamkit.Target`."""
+        every = [self, *(each.target for each in self.factors if isinstance(each.target, PosteriorTarget))]
+
+        def quiet() -> None:
+            for each in every:
+                each.display = SamplingProgress()
+
+        return Spread(functions, self._calls.processes, quiet)
 
     def _missing(self, points: Array) -> list[Array]:
         """Return those of points (n, d) that have not been evaluated with all particles, here or in an earlier run."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import islice
 
 import numpy as np
@@ -61,6 +61,10 @@ class Gaussian:
 
     def call_factors(self, points: Mapping[str, sk.Array]) -> None:
         """Call no factors: there are none."""
+
+    def spread(self, functions: Sequence[Callable[[sk.Array], sk.Array]]) -> Callable[..., list[sk.Array]]:
+        """Return functions as one, which evaluates one after the other."""
+        return lambda arguments: [function(each) for function, each in zip(functions, arguments, strict=True)]
 
     def predictions(self, points: sk.Array, small: bool = False) -> sk.Evaluations:
         """Return the parameters as predictions without noise."""

@@ -58,6 +58,11 @@ class Workers:
         """Points that are evaluated at a time; a constant for a given executor, so that no sample depends on it."""
         return FOREIGN if isinstance(self._workers, Executor) else self._workers
 
+    @property
+    def processes(self) -> int:
+        """Processes of this machine that a run may use; 1 beside a given executor."""
+        return 1 if isinstance(self._workers, Executor) else self._workers
+
     def forget(self, which: str) -> None:
         """Count the calls and rejections of a posterior from now on."""
         self.calls[which] = 0

@@ -6,7 +6,7 @@ the own parameters s_k of each stream. A posterior of one stream is the case K =
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple, Protocol
 
@@ -20,6 +20,8 @@ from streamkit.builtin.samplers.emulator.space import Space
 # Most that the emulator's own error adds to ln L. Without a limit, places far from all calls have the likelihood of a
 # flat density, and their volume may hold more of the posterior than the places that fit.
 MOST_BY_ERROR = 1.0
+# From the coordinates of each factor (n, c): ln likelihood (n,) of each.
+AtOnce = Callable[[Sequence[Array]], list[Array]]
 # Most places that are computed at a time: more need memory, and are no faster.
 PART = 2048
 
@@ -229,10 +231,13 @@ class Joint:
         The factors.
     emulated
         The emulated likelihood of each.
+    at_once
+        These likelihoods as one function, if several processes evaluate them.
     """
 
     factors: Sequence[Factor]
     emulated: Sequence[Emulated]
+    at_once: AtOnce | None = None
 
     @property
     def layout(self) -> Layout:
@@ -246,10 +251,12 @@ class Joint:
         prior = np.stack([-0.5 * np.sum(z[:, block] ** 2, axis=1) for block in blocks], axis=1)
         return Terms(prior, self.ln_likelihoods(z))
 
-    def ln_likelihoods(self, z: Array, fit_error: bool = True) -> Array:
+    def ln_likelihoods(self, z: Array) -> Array:
         """(n, K) ln likelihood of each factor at coordinates z (n, d)."""
-        columns = [each.ln_likelihood(z[:, factor.columns], fit_error)
-                   for factor, each in zip(self.factors, self.emulated, strict=True)]  # fmt: skip
+        parts = [z[:, factor.columns] for factor in self.factors]
+        if self.at_once is not None:
+            return np.stack(self.at_once(parts), axis=1)
+        columns = [each.ln_likelihood(part) for each, part in zip(self.emulated, parts, strict=True)]
         return np.stack(columns, axis=1)
 
     def tangents(self, z: Array) -> list[Tangent]:
@@ -259,4 +266,4 @@ class Joint:
 
     def unlimited(self) -> Joint:
         """Return the posterior in which an emulator's own error may add any amount to ln L."""
-        return replace(self, emulated=[each.unlimited() for each in self.emulated])
+        return Joint(self.factors, [each.unlimited() for each in self.emulated])

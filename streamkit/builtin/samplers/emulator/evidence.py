@@ -6,8 +6,6 @@ The mixture is fitted to one population, and bridged to the other, which is inde
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from scipy.special import logsumexp
 
@@ -39,7 +37,7 @@ def noise_of_calls(joint: Joint, samples: Array, seed: list[int]) -> float:
     here = joint.ln_likelihoods(some).sum(axis=1)
     changes = []
     for _ in range(REDRAWN):
-        redrawn = replace(joint, emulated=[each.redrawn(rng) for each in joint.emulated])
+        redrawn = Joint(joint.factors, [each.redrawn(rng) for each in joint.emulated])
         changes.append(logsumexp(redrawn.ln_likelihoods(some).sum(axis=1) - here) - np.log(len(some)))
     return float(np.sqrt(np.mean(np.square(changes))))
 

@@ -17,6 +17,9 @@ from streamkit.builtin.samplers.emulator.mixture import Mixture
 
 # Lengths of Crank-Nicolson steps, of which each walker draws one.
 LENGTHS = (0.25, 0.5, 0.8, 1.0)
+# Those of several factors have draws of the mixture as well. A stream's own parameters have long ends (a proper motion
+# where its extra error is large), from which a walker does not come back by steps for hundreds of sweeps.
+LENGTHS_OF_SEVERAL = (*LENGTHS, np.inf, np.inf)
 # Lengths of differences in units of the best one for a Gaussian, 2.38 / sqrt(2 d), and the fraction of whole ones.
 DIFFERENCES, WHOLE = (1.0, 0.5, 0.2), 0.2
 # What is added to the diagonal of a covariance, as a fraction.
@@ -78,7 +81,8 @@ class Moves:
 
         Along the surface they move if they are to ``follow`` it.
         """
-        for length in (rng.choice(LENGTHS, size=len(z)), None):
+        lengths = LENGTHS if len(self._own) == 1 else LENGTHS_OF_SEVERAL
+        for length in (rng.choice(lengths, size=len(z)), None):
             if self._shared is not None:
                 z, terms = self._move_shared(density, z, terms, beta, rng, length)
             if any(each is not None for each in self._own):

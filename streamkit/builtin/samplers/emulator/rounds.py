@@ -27,7 +27,7 @@ from streamkit.builtin.samplers.emulator.certificate import (
     fresh_calls,
 )
 from streamkit.builtin.samplers.emulator.changes import change_of, changes_of, difference, every_so_often, with_axes
-from streamkit.builtin.samplers.emulator.density import Emulated, Factor, Joint
+from streamkit.builtin.samplers.emulator.density import AtOnce, Emulated, Factor, Joint
 from streamkit.builtin.samplers.emulator.missing import (
     FAR,
     LEFT,
@@ -121,6 +121,8 @@ class Rounds:
         Called with a line about the progress.
     together
         Called with parameters (n, p) by factor before each factor is called at them: all may be called at a time.
+    spread
+        Makes one function of those of all factors, which several processes evaluate.
     """
 
     def __init__(
@@ -130,8 +132,10 @@ class Rounds:
         starts: int = AGREEING,
         note: Callable[[str], None] = lambda _: None,
         together: Callable[[Mapping[str, Array]], None] = lambda _: None,
+        spread: Callable[[Sequence[Callable[[Array], Array]]], AtOnce] | None = None,
     ) -> None:
         self._factors, self._noise, self._note, self._together = tuple(factors), noise, note, together
+        self._spread = spread
         self._starts_of_each, self._starter = starts, Starter(noise, note)
         self._seed = factors[0].problem.seed
 
@@ -173,7 +177,9 @@ class Rounds:
     # A round
 
     def _joint(self, known: Sequence[Known]) -> Joint:
-        return Joint(self._factors, [each.emulated for each in known])
+        emulated = [each.emulated for each in known]
+        at_once = self._spread([each.ln_likelihood for each in emulated]) if self._spread is not None else None
+        return Joint(self._factors, emulated, at_once)
 
     def _copies(self, joint: Joint, result: Populations, seed: list[int]) -> list[Array]:
         """Return samples (2, n, d) of the posterior and of its tempered copies, each walked to from the one before."""

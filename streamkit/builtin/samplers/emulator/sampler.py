@@ -60,7 +60,8 @@ class PredictionEmulator(Sampler):
 
         factors, space = _factors(target), Space(OfTarget(target))
         target.expect(self.max_calls * len(factors))
-        rounds = Rounds(factors, self.realisation == "one", self.starts, target.remark, target.call_factors)
+        spread = target.spread if len(factors) > 1 else None
+        rounds = Rounds(factors, self.realisation == "one", self.starts, target.remark, target.call_factors, spread)
         for progress in rounds.run(self.max_calls):
             yield _samples(target, space, progress)
 
