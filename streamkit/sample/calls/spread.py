@@ -1,0 +1,75 @@
+"""Several functions evaluated at a time, by this process and by forks of it.
+
+A sampler that emulates the predictions of twelve streams evaluates twelve functions at every step, and no stream is
+made. The workers of `Workers` cannot do this: they were forked before the emulators were learned.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+from collections.abc import Callable, Sequence
+from time import perf_counter
+
+from streamkit.sample.calls.processes import Processes
+from streamkit.stream import Array
+
+Function = Callable[[Array], Array]
+
+_HELD: list[Function] = []  # the functions of this forked process, set once by its initializer
+
+
+class Spread:
+    """Functions as one: of an argument for each, it returns the result of each.
+
+    The first evaluation is made in this process, and measures how long each takes. It decides which process evaluates
+    which; no result depends on that. Processes are forked after it, and end with this object. They hold the functions
+    as they were then. Without fork, everything is evaluated here.
+    """
+
+    def __init__(
+        self,
+        functions: Sequence[Function],
+        processes: int,  # with this one
+        prepare: Callable[[], object] = lambda: None,  # called in each fork first
+    ) -> None:
+        self._functions, self._prepare = list(functions), prepare
+        self._count = min(processes, len(functions)) if "fork" in multiprocessing.get_all_start_methods() else 1
+        self._shares: list[list[int]] = []
+        self._forks: Processes | None = None
+
+    def __call__(self, arguments: Sequence[Array]) -> list[Array]:
+        """Return the results for these arguments, in order."""
+        if self._count > 1 and not self._shares:
+            return self._first(arguments)
+        if self._count < 2:
+            return [function(each) for function, each in zip(self._functions, arguments, strict=True)]
+        if self._forks is None:
+            self._forks = Processes(self._count - 1, self._hold)
+        mine, *others = self._shares
+        futures = [self._forks.submit(_evaluated, share, [arguments[i] for i in share]) for share in others]
+        found = {i: self._functions[i](arguments[i]) for i in mine}
+        for share, future in zip(others, futures, strict=True):
+            found.update(zip(share, future.result(), strict=True))
+        return [found[i] for i in range(len(arguments))]
+
+    def _hold(self) -> None:
+        _HELD[:] = self._functions
+        self._prepare()
+
+    def _first(self, arguments: Sequence[Array]) -> list[Array]:
+        """Evaluate here, and give each process about as much to do: the slowest functions first."""
+        found, times = [], []
+        for function, each in zip(self._functions, arguments, strict=True):
+            begun = perf_counter()
+            found.append(function(each))
+            times.append(perf_counter() - begun)
+        self._shares, work = [[] for _ in range(self._count)], [0.0] * self._count
+        for i in sorted(range(len(times)), key=lambda i: -times[i]):
+            least = work.index(min(work))
+            self._shares[least].append(i)
+            work[least] += times[i]
+        return found
+
+
+def _evaluated(share: Sequence[int], arguments: Sequence[Array]) -> list[Array]:
+    return [_HELD[i](each) for i, each in zip(share, arguments, strict=True)]
