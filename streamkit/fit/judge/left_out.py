@@ -1,10 +1,12 @@
 """The shared parameters without the data of one stream, from the samples of the fit to all of them.
 
 The posterior of the shared parameters h without stream k is p(h | all) / Z_k(h), where Z_k(h) is the likelihood of the
-stream's data averaged over the prior of its own parameters o. At any o, Z_k(h) = L_k(h, o) p(o) / p(o | h, all). The
-last density is taken as a Gaussian about a quadratic in h, in coordinates in which each prior is a standard normal;
-ln Z_k is smoothed by a quadratic, and the samples get weights 1 / Z_k. For a linear model with Gaussian errors and
-priors that is exact. One over the mean of 1 / Z_k is the density of the stream's data, given those of all others.
+stream's data averaged over the prior of its own parameters o. For any normalised density g(o | h), the mean of
+g / (L_k p(o)) over p(o | h, all) is 1 / Z_k(h) (Gelfand & Dey 1994, J. R. Statist. Soc. B 56, 501). Here g is a
+Gaussian about a quadratic in h, in coordinates in which each prior is a standard normal, and ln Z_k the quadratic in h
+that makes this mean 1 with each of its terms. The samples get weights 1 / Z_k. For a linear model with Gaussian errors
+and priors every sample gives Z_k itself; otherwise they scatter about it. One over the mean of 1 / Z_k is the density
+of the stream's data, given those of all others.
 """
 
 from __future__ import annotations
@@ -23,7 +25,8 @@ from streamkit.stream import Array
 INSIDE = 1e-6  # smallest fraction of a prior below or above a sample: beyond, a coordinate is infinite
 INFORMED = 0.03  # a direction counts if the variance of the shared parameters in it rises by this part
 FEWEST = 100.0  # effective samples below which there are no intervals
-ROUGH = 1.0  # scatter of ln Z_k about its quadratic above which the Gaussian is wrong
+ROUGH = 0.3  # standard error of ln Z_k above which own parameters are too far from a Gaussian for the samples
+STEPS, SETTLED = 100, 1e-9  # Newton steps to the quadratic, at most; the gain at which they end
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,8 +39,8 @@ class LeftOut:
         Its name.
     weights
         (n,) of the samples; their sum is 1.
-    scatter
-        Standard deviation of ln Z_k about its quadratic.
+    error
+        Standard error of ln Z_k at a typical sample.
     mean
         (s,) The mean of the shared parameters without the stream minus that with it, in standard deviations of the fit
         to all; NaN where the others leave them undetermined. All priors are Gaussian in these coordinates.
@@ -50,7 +53,7 @@ class LeftOut:
 
     stream: str
     weights: Array
-    scatter: float
+    error: float
     mean: Array
     shift: float
     directions: int
@@ -71,7 +74,7 @@ class LeftOut:
         """Why the numbers are not to be used; empty if they are."""
         if not np.isfinite(self.mean).all():
             return "not determined by the others"
-        return f"not Gaussian: scatter of ln Z {self.scatter:.1f}" if self.scatter > ROUGH else ""
+        return f"own parameters far from Gaussian: ln Z known to {self.error:.1f}" if self.error > ROUGH else ""
 
 
 def normal_scores(samples: Array, priors: Sequence[Prior]) -> Array:
@@ -116,7 +119,7 @@ def _without(h: Array, o: Array, ln_l: Array, name: str) -> LeftOut:
         covariance = away.T @ away / max(len(o) - terms.shape[1], 1)
         squares = np.einsum("ni,ij,nj->n", away, np.linalg.inv(covariance), away)
         ln_z += 0.5 * (squares + np.linalg.slogdet(covariance)[1] - (o**2).sum(axis=1))
-    coefficients = np.linalg.lstsq(terms, ln_z, rcond=None)[0]
+    coefficients, error = _mean_of_inverse(terms, ln_z)
     smooth = terms @ coefficients
     weights = np.exp(smooth.min() - smooth)
     curvature = np.zeros((size, size))
@@ -133,8 +136,34 @@ def _without(h: Array, o: Array, ln_l: Array, name: str) -> LeftOut:
         values, vectors = np.linalg.eigh(half @ (there - here) @ half.T)
         along, used = vectors.T @ half @ mean, values > INFORMED
         shift, directions = float((along[used] ** 2 / values[used]).sum()), int(used.sum())
-    scatter = float((ln_z - smooth).std())
-    return LeftOut(name, weights / weights.sum(), scatter, mean, shift, directions, ln_density)
+    return LeftOut(name, weights / weights.sum(), error, mean, shift, directions, ln_density)
+
+
+def _mean_of_inverse(terms: Array, ln_z: Array) -> tuple[Array, float]:
+    """Return coefficients c of terms (n, q) with which the mean of exp(terms c - ln_z) times each term is the term's.
+
+    And the standard error of ``terms c`` at a typical sample. It is the minimum of the mean of exp(terms c - ln_z) -
+    terms c, which is convex: Newton's steps go there from the least squares, halved where they go too far.
+    """
+    n, c = len(terms), np.asarray(np.linalg.lstsq(terms, ln_z, rcond=None)[0], dtype=float)
+
+    def cost(at: Array) -> float:
+        return float(np.mean(np.exp(terms @ at - ln_z) - terms @ at))
+
+    for _ in range(STEPS):
+        ratio = np.exp(terms @ c - ln_z)
+        step = np.linalg.solve(terms.T @ (ratio[:, None] * terms) / n, terms.T @ (ratio - 1) / n)
+        length, before = 1.0, cost(c)
+        while not cost(c - length * step) <= before and length > 1e-6:
+            length *= 0.5
+        c = np.asarray(c - length * step)
+        if before - cost(c) < SETTLED:
+            break
+    ratio = np.exp(terms @ c - ln_z)
+    inverse = np.linalg.inv(terms.T @ (ratio[:, None] * terms))
+    chance = terms * (ratio - 1)[:, None]
+    covariance = inverse @ (chance.T @ chance) @ inverse  # of estimating equations (Huber 1967)
+    return c, float(np.sqrt(np.mean(np.einsum("ni,ij,nj->n", terms, covariance, terms))))
 
 
 def _quadratic(x: Array) -> Array:

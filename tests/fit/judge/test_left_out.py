@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.stats import chi2, multivariate_normal, norm
+from scipy.stats import chi2, laplace, multivariate_normal, norm
 
 from streamkit.fit.judge.left_out import leave_out, normal_scores
 from streamkit.runfile import Factor, Normal, Uniform
@@ -60,7 +60,7 @@ def test_mean_and_covariance_are_those_of_the_fit_without_the_stream() -> None:
         assert (np.abs(found - mean) < 4 * error).all()
         spread = np.cov(samples[:, :SHARED].T, aweights=left.weights)
         np.testing.assert_allclose(spread, covariance, atol=6 * covariance.max() / np.sqrt(left.independent))
-        assert left.scatter < 0.1  # ln Z is quadratic; the covariance of o comes from samples
+        assert left.error < 0.01  # every sample gives Z; the covariance of o comes from samples
         assert not left.problem
 
 
@@ -72,6 +72,22 @@ def test_the_density_of_the_data_given_all_others_is_that_of_the_closed_form() -
         matrix = model.matrices[k]
         expected = multivariate_normal(matrix @ mean, np.eye(DATA) + matrix @ covariance @ matrix.T)
         assert left.ln_density == pytest.approx(expected.logpdf(model.data[k]), abs=0.1)
+
+
+def test_own_parameters_far_from_a_gaussian_are_averaged_over() -> None:
+    """p(o | h, all) is a Laplace density whose width depends on h, and ln Z is a quadratic in h."""
+    rng, n = np.random.default_rng(2), 20000
+    h = rng.normal(0.3, 0.5, n)
+    width = np.exp(-1 + 0.6 * h)
+    o = rng.laplace(0, width)
+    ln_z = -1.2 + 0.7 * h - 0.4 * h**2
+    ln_l = ln_z + laplace(0, width).logpdf(o) - norm.logpdf(o)
+    (left,) = leave_out(np.column_stack([h, o]), {"s": ln_l}, [Factor("s", np.arange(1), 1 + np.arange(1))])
+    assert not left.problem
+    expected = np.exp(-ln_z) / np.exp(-ln_z).sum()
+    assert left.weights @ h == pytest.approx(expected @ h, abs=4 * left.error * 0.5)
+    assert left.ln_density == pytest.approx(-np.log(np.mean(np.exp(-ln_z))), abs=4 * left.error)
+    assert left.error < 0.02
 
 
 def test_the_shift_is_that_of_the_closed_form() -> None:
