@@ -44,17 +44,13 @@ class Spread:
         if self._count < 2:
             return [function(each) for function, each in zip(self._functions, arguments, strict=True)]
         if self._forks is None:
-            self._forks = Processes(self._count - 1, self._hold)
+            self._forks = Processes(self._count - 1, _hold, (self._functions, self._prepare))
         mine, *others = self._shares
         futures = [self._forks.submit(_evaluated, share, [arguments[i] for i in share]) for share in others]
         found = {i: self._functions[i](arguments[i]) for i in mine}
         for share, future in zip(others, futures, strict=True):
             found.update(zip(share, future.result(), strict=True))
         return [found[i] for i in range(len(arguments))]
-
-    def _hold(self) -> None:
-        _HELD[:] = self._functions
-        self._prepare()
 
     def _first(self, arguments: Sequence[Array]) -> list[Array]:
         """Evaluate here, and give each process about as much to do: the slowest functions first."""
@@ -69,6 +65,11 @@ class Spread:
             self._shares[least].append(i)
             work[least] += times[i]
         return found
+
+
+def _hold(functions: Sequence[Function], prepare: Callable[[], object]) -> None:
+    _HELD[:] = functions
+    prepare()
 
 
 def _evaluated(share: Sequence[int], arguments: Sequence[Array]) -> list[Array]:

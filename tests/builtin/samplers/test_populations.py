@@ -6,7 +6,7 @@ from joints import HalfEmpty, LinearFactors, Mixture
 from scipy.stats import norm
 
 from streamkit.builtin.samplers.emulator.agreement import agreement
-from streamkit.builtin.samplers.emulator.density import Layout
+from streamkit.builtin.samplers.emulator.density import Layout, Terms
 from streamkit.builtin.samplers.emulator.moves import Moves
 from streamkit.builtin.samplers.emulator.places import by_width
 from streamkit.builtin.samplers.emulator.populations import sample
@@ -55,6 +55,37 @@ def test_trajectories_along_the_surface_leave_a_gaussian_as_it_is() -> None:
     assert moves.accepted[3] > 0.85
     assert_right(moved, mean, covariance)
     np.testing.assert_allclose(terms.total(1.0), target.terms(moved).total(1.0))
+
+
+class TwoModes:
+    """A stream with two modes of its own parameters, one with a tenth of it, and a stream of one shared parameter."""
+
+    layout = Layout(np.array([0]), [np.arange(1, 5), np.empty(0, dtype=np.int64)])
+    centres, widths, weights = (0.0, 1.5), (0.05, 0.3), (0.9, 0.1)
+
+    def draws(self, n: int, rng: np.random.Generator, mode: int | None = None) -> np.ndarray:
+        which = rng.choice(2, size=n, p=self.weights) if mode is None else np.full(n, mode)
+        own = np.take(self.centres, which)[:, None] + np.take(self.widths, which)[:, None] * rng.normal(size=(n, 4))
+        return np.column_stack([rng.normal(size=n), own])
+
+    def terms(self, z: np.ndarray) -> Terms:
+        modes = [np.log(weight) + norm(centre, width).logpdf(z[:, 1:]).sum(axis=1)
+                 for centre, width, weight in zip(self.centres, self.widths, self.weights, strict=True)]  # fmt: skip
+        prior = -0.5 * np.stack([z[:, 0] ** 2, np.sum(z[:, 1:] ** 2, axis=1), np.zeros(len(z))], axis=1)
+        return Terms(prior, np.stack([np.logaddexp(*modes) - prior[:, 1], np.zeros(len(z))], axis=1))
+
+
+def test_own_parameters_come_from_one_mode_to_another() -> None:
+    """Draws of all coordinates are made no more here, as of many streams none is accepted."""
+    target, rng, second = TwoModes(), np.random.default_rng(1), []
+    moves = Moves(target.layout, target.draws(2000, rng), rng, draws=False)
+    z = target.draws(400, rng, mode=1)
+    terms = target.terms(z)
+    for _ in range(100):
+        z, terms = moves.sweep(target, z, terms, 1.0, rng, follow=False)  # type: ignore[arg-type]
+        second.append(np.mean(z[:, 1] > 0.75))
+    assert np.mean(second[50:]) == pytest.approx(0.1, abs=0.02)
+    np.testing.assert_allclose(terms.total(1.0), target.terms(z).total(1.0))
 
 
 def test_walkers_reach_a_posterior_from_beside_it_and_no_other_mode() -> None:
