@@ -11,7 +11,7 @@ from click.core import ParameterSource
 
 import streamkit as sk
 from streamkit import report
-from streamkit.cli.options import INTERRUPTED, INVALID, SET, load_spec, read_settings, with_settings
+from streamkit.cli.options import SET, load_spec, read_settings, with_settings
 from streamkit.cli.study import StudyOptions, conduct, study_options
 from streamkit.study import calibration as study
 from streamkit.study import grid
@@ -98,4 +98,4 @@ def _write_mocks(spec: sk.Spec, truth: sk.Spec | None, out: Path, draws: int, op
         click.echo(report.paragraph(text))
     if stopped:
         click.echo(f"streamkit: {stopped}; the finished draws are written", err=True)
-        click.get_current_context().exit(INTERRUPTED if stopped == grid.INTERRUPTED else INVALID)
+        click.get_current_context().exit(grid.exit_status(stopped))

@@ -11,7 +11,7 @@ from typing import Any
 import click
 
 from streamkit import report
-from streamkit.cli.options import COLUMN, FORCE, INTERRUPTED, INVALID, JSON, PDF, QUIET, RUN_FILE, WORKERS, directory
+from streamkit.cli.options import COLUMN, FORCE, JSON, PDF, QUIET, RUN_FILE, WORKERS, directory
 from streamkit.study import grid
 
 
@@ -75,4 +75,4 @@ def conduct(
         context = click.get_current_context()
         again = "; --resume goes on" if "resume" in context.params else ""
         click.echo(f"streamkit: {products.stopped}; the tables hold the finished part{again}", err=True)
-        context.exit(INTERRUPTED if products.stopped == grid.INTERRUPTED else INVALID)
+        context.exit(grid.exit_status(products.stopped))

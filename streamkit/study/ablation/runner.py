@@ -17,7 +17,7 @@ from streamkit.model import Model
 from streamkit.runfile import Spec
 from streamkit.stream import Prediction, Stream
 from streamkit.study.ablation.measures import Portrait, compare, match_rate, observables, portrait_of, pulls
-from streamkit.study.grid import INTERRUPTED, ended_before, run_jobs
+from streamkit.study.grid import ended_before, run_jobs, signal_of
 
 NBODY = "N-body"  # the title of a snapshot
 WARM = 64  # particles of the stream that loads the machine code before the time is measured
@@ -156,7 +156,7 @@ def run_ablation(
         for i, variant in enumerate(variants)
     }
     results, stopped = run_jobs(make_stream, jobs, workers, done)
-    missing = INTERRUPTED if stopped == INTERRUPTED else "no stream: its processes died (killed, or out of memory)"
+    missing = stopped if signal_of(stopped) else "no stream: its processes died (killed, or out of memory)"
     cpu = {}
     for (seed, i), job in jobs.items():
         made = results.get((seed, i), missing)
@@ -175,7 +175,7 @@ def run_ablation(
                 outcome.blame(f"the reference has no observables: {error}")
             outcome.measures[seed] = {**measures, "cpu": cpu[seed, i]}
     first = next((outcome.first for outcome in outcomes if outcome.first), None)
-    if first is None and stopped == INTERRUPTED:
+    if first is None and signal_of(stopped):
         raise ended_before(spec.source, stopped, "the first variant was finished")
     if first is None:
         reasons = "; ".join(f"{o.variant.label}: {', '.join(o.reasons)}" for o in outcomes)

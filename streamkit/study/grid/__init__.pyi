@@ -2,9 +2,10 @@ from .data_groups import MANY as MANY
 from .data_groups import by_column as by_column
 from .data_groups import rms as rms
 from .jobs import DIED as DIED
-from .jobs import INTERRUPTED as INTERRUPTED
 from .jobs import ended_before as ended_before
+from .jobs import exit_status as exit_status
 from .jobs import run_jobs as run_jobs
+from .jobs import signal_of as signal_of
 from .products import Products as Products
 from .products import draw_pictures as draw_pictures
 from .products import write_tables as write_tables

@@ -14,7 +14,15 @@ from runfiles import RUN
 
 import streamkit as sk
 from streamkit.errors import Interrupted, StreamkitError
-from streamkit.study.grid import DIED, INTERRUPTED, Products, draw_pictures, ended_before, run_jobs, write_tables
+from streamkit.study.grid import (
+    DIED,
+    Products,
+    draw_pictures,
+    ended_before,
+    exit_status,
+    run_jobs,
+    write_tables,
+)
 
 JOBS = {"a": 1, "b": 2, "c": 3}
 
@@ -41,6 +49,18 @@ def interrupt_a_fit_at_two(n: int) -> int:
     return n * n
 
 
+def interrupt_at_two(n: int) -> int:
+    if n == 2:
+        os.kill(os.getpid(), signal.SIGINT)
+    return n * n
+
+
+def terminate_a_fit_at_two(n: int) -> int:
+    if n == 2:
+        raise Interrupted("stopped after 0 steps, which are not saved", signal.SIGTERM)
+    return n * n
+
+
 def fail_at_two(n: int) -> int:
     if n == 2:
         raise ValueError("two")
@@ -56,17 +76,24 @@ def test_every_job_is_done_wherever(workers: int) -> None:
 
 
 def test_an_end_before_a_result_is_an_interruption_only_after_a_signal() -> None:
-    stopped, died = (ended_before("a.toml", why, "the first draw was finished") for why in (INTERRUPTED, DIED))
+    stopped, died = (ended_before("a.toml", why, "the first draw was finished") for why in ("interrupted", DIED))
     assert str(stopped) == "a.toml: interrupted before the first draw was finished"
     assert isinstance(stopped, Interrupted)
     assert stopped.exit_status == 130
     assert not isinstance(died, Interrupted)
 
 
-@pytest.mark.parametrize("work", [terminate_at_two, interrupt_a_fit_at_two])
-def test_a_termination_keeps_what_is_finished_and_leaves_signals_as_they_were(work: Callable[[int], int]) -> None:
+@pytest.mark.parametrize(
+    ("work", "reason", "status"),
+    [(terminate_at_two, "terminated", 143), (interrupt_at_two, "interrupted", 130),
+     (interrupt_a_fit_at_two, "interrupted", 130), (terminate_a_fit_at_two, "terminated", 143)],
+)  # fmt: skip
+def test_a_signal_keeps_what_is_finished_and_leaves_signals_as_they_were(
+    work: Callable[[int], int], reason: str, status: int
+) -> None:
     before = signal.getsignal(signal.SIGTERM)
-    assert run_jobs(work, JOBS) == ({"a": 1}, INTERRUPTED)
+    assert run_jobs(work, JOBS) == ({"a": 1}, reason)
+    assert exit_status(reason) == status
     assert signal.getsignal(signal.SIGTERM) is before
 
 
@@ -79,7 +106,7 @@ def test_an_interruption_of_the_parent_keeps_what_its_workers_have_finished() ->
             raise KeyboardInterrupt
 
     found, stopped = run_jobs(square, JOBS, 2, done)
-    assert stopped == INTERRUPTED
+    assert stopped == "interrupted"
     assert len(found) == 2
     assert all(found[key] == JOBS[key] ** 2 for key in found)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, field_validator
 
 import streamkit as sk
 from streamkit.builtin.observables.apocentres.mean import fit_arm
@@ -64,6 +64,13 @@ class Apocentres(sk.Observable):
         default="winding",
         description="How arms and wraps are distinguished: by the angle swept, or by the paper's phase chi.",
     )
+
+    @field_validator(*ARMS)
+    @classmethod
+    def _is_a_distance(cls, datum: tuple[float, float] | None) -> tuple[float, float] | None:
+        if datum is not None and not datum[0] > 0:
+            raise ValueError(f"found an apocentre of {datum[0]:g} kpc, expected one above 0")
+        return datum
 
     def data(self) -> tuple[sk.Array, sk.Array]:
         """Return the observed (leading, trailing, precession) and errors, NaN where left out."""
