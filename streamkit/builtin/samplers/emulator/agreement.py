@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from typing import NamedTuple
+
 import numpy as np
+from scipy.special import ndtri
+from scipy.stats import rankdata
 
 from streamkit import Array
 from streamkit.builtin.samplers.emulator.density import Layout
@@ -11,6 +16,8 @@ from streamkit.builtin.samplers.emulator.density import Layout
 WINDOW = 5.0
 # Quantities whose autocorrelations are computed at a time.
 AT_A_TIME = 16
+# Numbers of a walk that are judged at most: of longer ones every second, third sweep.
+MOST = 5_000_000
 
 
 def autocorrelation_times(chain: Array) -> Array:
@@ -60,9 +67,58 @@ def kurtosis(watched: Array) -> Array:
     return np.where(variances > 0, np.mean(squares**2, axis=(0, 1)) / np.maximum(variances, 1e-300) ** 2, 1.0)
 
 
-def with_block_axes(layout: Layout, samples: Array) -> Array:
-    """(n, q) Append the principal axes of the shared coordinates, and of those of each factor, to samples (n, d)."""
-    blocks = [layout.shared, *(layout.of(k) for k, own in enumerate(layout.own) if len(own))]
-    scaled = (samples - samples.mean(axis=0)) / np.maximum(samples.std(axis=0), 1e-300)
-    axes = [scaled[:, b] @ np.linalg.eigh(np.atleast_2d(np.cov(scaled[:, b].T)))[1] for b in blocks if len(b) > 1]
-    return np.concatenate([samples, *axes], axis=1)
+class Walked(NamedTuple):
+    """How well walks agree, and how long they are.
+
+    Attributes
+    ----------
+    r_hat
+        The largest one.
+    time
+        The longest autocorrelation time, in sweeps.
+    spread
+        The largest (kurtosis - 1) times autocorrelation time: what makes the standard error of a width.
+    """
+
+    r_hat: float
+    time: float
+    spread: float
+
+
+def judge(layout: Layout, walked: Array) -> Walked:
+    """Judge walks (sweeps, w, d) of two populations, each a half of the walkers.
+
+    What counts are all coordinates, the principal axes of the shared ones, and of those that each factor depends on. Of
+    several factors the times are those of normal scores by rank (Vehtari et al. 2021, their bulk): of a hundred own
+    coordinates some have a long end, in which one walker of a hundred makes the time of its square. No interval depends
+    on that.
+    """
+    found, every = [], walked.size // MOST + 1
+    for watched in _watched(layout, walked[::every]):
+        times = every * autocorrelation_times(watched if len(layout.own) < 2 else _normal_scores(watched))
+        r_hat = agreement(np.stack(np.split(watched, 2, axis=1)))
+        found.append(Walked(r_hat, float(times.max()), float(np.max((kurtosis(watched) - 1) * times))))
+    return Walked(*(max(column) for column in zip(*found, strict=True)))
+
+
+def _watched(layout: Layout, walked: Array) -> Iterator[Array]:
+    """Yield the coordinates of each block with its axes (sweeps, w, q): all at a time would need gigabytes."""
+    if len(layout.shared):
+        yield np.concatenate([walked[:, :, layout.shared], _axes(walked[:, :, layout.shared])], axis=2)
+    for k, own in enumerate(layout.own):
+        if len(own):
+            yield np.concatenate([walked[:, :, own], _axes(walked[:, :, layout.of(k)])], axis=2)
+
+
+def _normal_scores(watched: Array) -> Array:
+    """(sweeps, w, q) Return the ranks of walks as quantiles of a standard normal (Blom 1958)."""
+    ranks = rankdata(watched.reshape(-1, watched.shape[2]), axis=0)
+    return np.asarray(ndtri((ranks - 0.375) / (len(ranks) + 0.25))).reshape(watched.shape)
+
+
+def _axes(block: Array) -> Array:
+    """(sweeps, w, q) Return walks (sweeps, w, q) along their principal axes; nothing for a single coordinate."""
+    if block.shape[2] < 2:
+        return block[:, :, :0]
+    scaled = (block - block.mean(axis=(0, 1))) / np.maximum(block.std(axis=(0, 1)), 1e-300)
+    return np.asarray(scaled @ np.linalg.eigh(np.cov(scaled.reshape(-1, block.shape[2]).T))[1])

@@ -22,6 +22,11 @@ LENGTHS = (0.25, 0.5, 0.8, 1.0)
 LENGTHS_OF_SEVERAL = (*LENGTHS, np.inf, np.inf)
 # Lengths of differences in units of the best one for a Gaussian, 2.38 / sqrt(2 d), and the fraction of whole ones.
 DIFFERENCES, WHOLE = (1.0, 0.5, 0.2), 0.2
+# Fractions of a stream's own coordinates that a difference changes (crossover: Vrugt et al. 2009), where there are
+# several. A walker in a narrow neck, where an extra error is small, leaves it along that coordinate alone.
+CROSSED = (0.15, 0.4, 1.0)
+# How often walkers move h for each move of the own coordinates, where there are several factors: what is slowest.
+OFTEN = 2
 # What is added to the diagonal of a covariance, as a fraction.
 RIDGE = 1e-9
 
@@ -42,16 +47,18 @@ class Moves:
         self._layout = layout
         self._middle = places[:, layout.shared].mean(axis=0)
         self._follow = [self._regression(places, own) for own in layout.own]
-        left = [self._left(places, k) for k in range(len(layout.own))]
+        self._lefts = [self._left(places, k) for k in range(len(layout.own))]
         self._shared = Mixture.of(places[:, layout.shared], rng) if len(layout.shared) else None
-        self._own = [Mixture.of(each, rng) if each.shape[1] else None for each in left]
+        self._own = [Mixture.of(each, rng) if each.shape[1] else None for each in self._lefts]
+        self._several = len(layout.own) > 1
         alone = self._own[0] if self._shared is None and len(self._own) == 1 else None
         self._whole = (alone or Mixture.of(places, rng)) if draws else None
         self._follows = follows
-        self._archive = places
+        self._h = places[:, layout.shared]
         self._precision = self._precision_of(places)
         self.accepted, self.tried = np.zeros(4), np.zeros(4)
-        self._blocks = int(self._shared is not None) + int(any(each is not None for each in self._own))
+        self._often = 0 if self._shared is None else OFTEN if self._several else 1
+        self._blocks = self._often + int(any(each is not None for each in self._own))
 
     def _precision_of(self, places: Array) -> Array:
         """(d, d) The precision of the places: of the shared coordinates, and of those of each factor, by themselves."""
@@ -81,12 +88,11 @@ class Moves:
 
         Along the surface they move if they are to ``follow`` it.
         """
-        lengths = LENGTHS if len(self._own) == 1 else LENGTHS_OF_SEVERAL
-        for length in (rng.choice(lengths, size=len(z)), None):
-            if self._shared is not None:
-                z, terms = self._move_shared(density, z, terms, beta, rng, length)
+        for by_mixture in (True, False):
+            for _ in range(self._often):
+                z, terms = self._move_shared(density, z, terms, beta, rng, self._lengths(len(z), rng, by_mixture))
             if any(each is not None for each in self._own):
-                z, terms = self._move_own(density, z, terms, beta, rng, length)
+                z, terms = self._move_own(density, z, terms, beta, rng, self._lengths(len(z), rng, by_mixture))
         self.tried[[0, 2]] += 1
         if self._whole is not None:
             z, terms = self._draw(self._whole, density, z, terms, beta, rng)
@@ -97,13 +103,21 @@ class Moves:
         """(4,) The fractions of accepted steps; zero for steps that were not tried."""
         return np.asarray(self.accepted / np.maximum(self.tried, 1))
 
-    def _differences(self, columns: IntArray, n: int, rng: np.random.Generator) -> Array:
-        """(n, k) Differences of two of the archive, of several lengths."""
-        first = rng.integers(len(self._archive), size=n)
-        other = (first + rng.integers(1, len(self._archive), size=n)) % len(self._archive)
-        length = 2.38 / np.sqrt(2 * len(columns)) * rng.choice(DIFFERENCES, size=n)
+    def _lengths(self, n: int, rng: np.random.Generator, by_mixture: bool) -> Array | None:
+        return rng.choice(LENGTHS_OF_SEVERAL if self._several else LENGTHS, size=n) if by_mixture else None
+
+    @staticmethod
+    def _differences(archive: Array, n: int, rng: np.random.Generator, cross: bool = False) -> Array:
+        """(n, k) Differences of two places (m, k), of several lengths; some coordinates differ if they ``cross``."""
+        first = rng.integers(len(archive), size=n)
+        other = (first + rng.integers(1, len(archive), size=n)) % len(archive)
+        changed = np.ones((n, archive.shape[1]), dtype=bool)
+        if cross:
+            changed = rng.random(changed.shape) < rng.choice(CROSSED, size=n)[:, None]
+            changed[np.arange(n), rng.integers(archive.shape[1], size=n)] = True
+        length = 2.38 / np.sqrt(2 * changed.sum(axis=1)) * rng.choice(DIFFERENCES, size=n)
         length = np.where(rng.random(n) < WHOLE, 1.0, length * (1 + 0.01 * rng.standard_normal(n)))[:, None]
-        return np.asarray(length * (self._archive[first][:, columns] - self._archive[other][:, columns]))
+        return np.where(changed, length * (archive[first] - archive[other]), 0.0)
 
     def _move_shared(
         self, density: Density, z: Array, terms: Terms, beta: float, rng: np.random.Generator, length: Array | None
@@ -112,7 +126,7 @@ class Moves:
         assert self._shared is not None  # noqa: S101  checked by the caller
         h, correction = z[:, self._layout.shared], np.zeros(len(z))
         if length is None:
-            step = self._differences(self._layout.shared, len(z), rng)
+            step = self._differences(self._h, len(z), rng)
         else:
             new_h, correction = self._shared.step(h, length, rng)
             step = new_h - h
@@ -135,7 +149,7 @@ class Moves:
             if mixture is None:
                 continue
             if length is None:
-                new[:, own] += self._differences(own, len(z), rng)
+                new[:, own] += self._differences(self._lefts[k], len(z), rng, cross=self._several)
             else:
                 left = self._left(z, k)
                 proposed, correction[:, k] = mixture.step(left, length, rng)

@@ -17,12 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from streamkit import Array, IntArray, StreamkitError
-from streamkit.builtin.samplers.emulator.agreement import (
-    agreement,
-    autocorrelation_times,
-    kurtosis,
-    with_block_axes,
-)
+from streamkit.builtin.samplers.emulator.agreement import judge
 from streamkit.builtin.samplers.emulator.changes import every_so_often
 from streamkit.builtin.samplers.emulator.density import Density, Terms
 from streamkit.builtin.samplers.emulator.moves import Moves
@@ -42,7 +37,7 @@ RENEWED = 5
 RARE, TOO_RARE_TO_FOLLOW = 1e-3, 0.02
 # Walkers of a population that walk on, sweeps of their first walk, and their most sweeps. Thin ends of a posterior fill
 # slowly, and a walk of fewer sweeps does not show that they are missing.
-WALKING, FIRST, MOST_SWEEPS = 64, 100, 3000
+WALKING, FIRST, MOST_SWEEPS, MOST_OF_SEVERAL = 64, 100, 3000, 6000
 # Places of the first walk that the moves of the second one are made from.
 MANY = 8000
 # Largest R-hat over both populations. It is a difference of means of 0.15 standard deviations: their common mean is off
@@ -99,8 +94,8 @@ class Populations:
         The largest R-hat over both, the longest autocorrelation time in sweeps, and the number of independent samples.
     width_error
         The largest standard error of a standard deviation, as a fraction of it: sqrt((kurtosis - 1) / 4 / independent).
-    sweeps, evaluations
-        Of both walks, at inverse temperature 1 with fixed moves; and the evaluations of one factor in all.
+    sweeps
+        Of both walks, at inverse temperature 1 with fixed moves.
     accepted
         (4,) fractions of accepted steps, as in `Moves`.
     agree
@@ -115,7 +110,6 @@ class Populations:
     independent: float
     width_error: float
     sweeps: int
-    evaluations: int
     accepted: Array
     agree: bool
 
@@ -134,7 +128,6 @@ class Population:
         if there.sum() < 2:
             raise StreamkitError(f"of {len(begin)} places to begin from only {there.sum()} have a probability")
         self.z, self.terms, self.beta = begin[there], terms.take(there), 0.0
-        self.evaluations = len(begin)
         self.several = len(self.layout.own) > 1
         self._draws = self._follows = True
 
@@ -199,7 +192,6 @@ class Population:
         both.z, rows = np.concatenate([mine, its]), np.arange(count)
         pairs = zip(self.terms.take(rows), other.terms.take(rows), strict=True)
         both.terms = Terms(*(np.concatenate(pair) for pair in pairs))
-        both.evaluations = self.evaluations + other.evaluations
         both._draws, both._follows = self._draws or other._draws, self._follows or other._follows
         return both
 
@@ -225,7 +217,6 @@ class Population:
 
     def _sweep(self, moves: Moves, follow: bool = True) -> None:
         self.z, self.terms = moves.sweep(self._density, self.z, self.terms, max(self.beta, 1e-9), self._rng, follow)
-        self.evaluations += 4 * len(self.z) * self.terms.ln_likelihood.shape[1]
 
     def walk(self, sweeps: int, moves: Moves) -> tuple[Array, list[Terms]]:
         """Return the places (sweeps, w, d) and terms of a walk with moves that do not change."""
@@ -244,7 +235,7 @@ def sample(
     beta: float = 0.0,
     walkers: int | None = None,
     asked: Asked = GIVEN,
-    most_sweeps: int = MOST_SWEEPS,
+    most_sweeps: int | None = None,
 ) -> Populations:
     """Sample a posterior by two populations.
 
@@ -263,11 +254,12 @@ def sample(
     asked
         How long the walks are asked to be.
     most_sweeps
-        Sweeps of a walk at most.
+        Sweeps of a walk at most; by default `MOST_SWEEPS`, or `MOST_OF_SEVERAL`.
 
     Raises StreamkitError where no place has a probability.
     """
     several = len(density.layout.own) > 1
+    most_sweeps = most_sweeps or (MOST_OF_SEVERAL if several else MOST_SWEEPS)
     walkers = walkers or max(WALKERS // max(len(density.layout.own), 1), LEAST_WALKERS)
     populations = [Population(density, places, np.random.default_rng([*seed, i])) for i, places in enumerate(begin)]
     for each in populations:
@@ -277,12 +269,14 @@ def sample(
     # both learn the moves from both: what one has lost, the other may have kept
     both = populations[0].joined(populations[1], WALKING)
     moves = both.moves(np.concatenate([each.z for each in populations]))
-    first = both.walk(min(FIRST, most_sweeps), moves)
     if most_sweeps <= FIRST:
-        return _judged(both, moves, [first], asked)
+        return _judged(both, moves, [both.walk(most_sweeps, moves)], asked)
     # Stages leave thin ends empty, and the first walk fills them: it is no part of the answer. Its places are many more
     # than the walkers. A mixture of them follows these ends, where a walk by the first moves stays for long.
-    moves, parts = both.moves(every_so_often(first[0].reshape(-1, first[0].shape[2]), MANY)), []
+    for length in (FIRST, 2 * FIRST) if several else (FIRST,):
+        places = both.walk(length, moves)[0].reshape(-1, both.z.shape[1])
+        moves = both.moves(every_so_often(places, MANY))
+    parts: list[tuple[Array, list[Terms]]] = []
     sweeps, more = 0, int(FIRST * max(asked.least / len(density.layout.own), 1.0))
     while True:
         parts.append(both.walk(more, moves))
@@ -316,19 +310,15 @@ def _judged(both: Population, moves: Moves, parts: Sequence[tuple[Array, list[Te
     """Say how well two populations agree that have walked as one, in parts; each is a half of the walkers."""
     walked = np.concatenate([places for places, _ in parts])
     sweeps, walkers, d = walked.shape
-    watched = with_block_axes(both.layout, walked.reshape(-1, d)).reshape(sweeps, walkers, -1)
-    times = autocorrelation_times(watched)
-    time = float(times.max())
+    r_hat, time, spread = judge(both.layout, walked)
     samples = np.concatenate([each.reshape(-1, d) for each in np.split(walked, 2, axis=1)])
     halves = np.split(np.arange(walkers), 2)
     terms = [each.take(half) for half in halves for _, part in parts for each in part]
     last = samples.reshape(2, -1, d)[:, np.linspace(0, sweeps * walkers // 2 - 1, LAST).astype(int)]
-    r_hat, count = agreement(np.stack(np.split(watched, 2, axis=1))), len(samples) / time
-    width_error = float(np.sqrt(np.max((kurtosis(watched) - 1) * times) / (4 * len(samples))))
+    count, width_error = len(samples) / time, float(np.sqrt(spread / (4 * len(samples))))
     return Populations(
         samples, Terms(*(np.concatenate(each) for each in zip(*terms, strict=True))),
-        last, r_hat, time, count, width_error, sweeps, both.evaluations,
-        moves.rates,
+        last, r_hat, time, count, width_error, sweeps, moves.rates,
         bool(r_hat < R_HAT and sweeps > asked.times * time and count > asked.independent),
     )  # fmt: skip
 
