@@ -81,10 +81,10 @@ def test_own_parameters_come_from_one_mode_to_another() -> None:
     moves = Moves(target.layout, target.draws(2000, rng), rng, draws=False)
     z = target.draws(400, rng, mode=1)
     terms = target.terms(z)
-    for _ in range(100):
+    for _ in range(200):
         z, terms = moves.sweep(target, z, terms, 1.0, rng, follow=False)  # type: ignore[arg-type]
         second.append(np.mean(z[:, 1] > 0.75))
-    assert np.mean(second[50:]) == pytest.approx(0.1, abs=0.02)
+    assert np.mean(second[100:]) == pytest.approx(0.1, abs=0.03)
     np.testing.assert_allclose(terms.total(1.0), target.terms(z).total(1.0))
 
 
@@ -157,10 +157,13 @@ def test_a_nuisance_that_two_of_three_streams_share() -> None:
     assert_right(found.samples, *target.answer())
 
 
-@pytest.mark.parametrize("weight", [0.15, pytest.param(0.5, marks=pytest.mark.slow)])
-def test_a_mode_in_one_stream_only(weight: float) -> None:
+@pytest.mark.parametrize(
+    ("weight", "seed"), [(0.15, 1), *(pytest.param(*each, marks=pytest.mark.slow) for each in ((0.15, 9), (0.5, 1)))]
+)
+def test_a_mode_in_one_stream_only(weight: float, seed: int) -> None:
+    """With a weight of 0.15 its narrow mode holds two walkers of a thousand at middle temperatures."""
     target = Mixture(3, own=3, weight=weight)
-    found = sample(target, target.begin(3), [1])
+    found = sample(target, target.begin(3), [seed])
     weights, means, covariances = target.modes()
     away = [
         np.sum((found.samples - mean) @ np.linalg.inv(covariance) * (found.samples - mean), axis=1)

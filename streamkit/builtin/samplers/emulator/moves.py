@@ -42,14 +42,23 @@ class Moves:
     """
 
     def __init__(
-        self, layout: Layout, places: Array, rng: np.random.Generator, draws: bool = True, follows: bool = True
+        self,
+        layout: Layout,
+        places: Array,
+        rng: np.random.Generator,
+        draws: bool = True,
+        follows: bool = True,
+        beside: Array | None = None,  # (m, d) other places that own coordinates are drawn near
     ) -> None:
         self._layout = layout
         self._middle = places[:, layout.shared].mean(axis=0)
         self._follow = [self._regression(places, own) for own in layout.own]
         self._lefts = [self._left(places, k) for k in range(len(layout.own))]
         self._shared = Mixture.of(places[:, layout.shared], rng) if len(layout.shared) else None
-        self._own = [Mixture.of(each, rng) if each.shape[1] else None for each in self._lefts]
+        drawn = self._lefts
+        if beside is not None:
+            drawn = [np.concatenate([left, self._left(beside, k)]) for k, left in enumerate(self._lefts)]
+        self._own = [Mixture.of(each, rng) if each.shape[1] else None for each in drawn]
         self._several = len(layout.own) > 1
         alone = self._own[0] if self._shared is None and len(self._own) == 1 else None
         self._whole = (alone or Mixture.of(places, rng)) if draws else None

@@ -198,10 +198,10 @@ class Population:
     def _take(self, rows: IntArray) -> None:
         self.z, self.terms = self.z[rows], self.terms.take(rows)
 
-    def moves(self, places: Array | None = None) -> Moves:
-        """Return moves made from these places (n, d), or from those of the population."""
+    def moves(self, places: Array | None = None, beside: Array | None = None) -> Moves:
+        """Return moves made from these places (n, d), or from those of the population; see `Moves` for ``beside``."""
         places = self.z if places is None else places
-        return Moves(self.layout, places, self._rng, self._draws, self._follows)
+        return Moves(self.layout, places, self._rng, self._draws, self._follows, beside)
 
     def settle(self, sweeps: int, follow: bool = True) -> Population:
         """Walk, with new moves every `RENEWED` sweeps; in the last of them, walkers may ``follow`` the surface."""
@@ -266,9 +266,10 @@ def sample(
         if beta > 0:
             each.at(walkers, beta)
         each.anneal(walkers, STAGE_OF_SEVERAL if several else STAGE)
-    # both learn the moves from both: what one has lost, the other may have kept
+    # Both learn the moves from both: what one has lost, the other may have kept. A narrow mode of one stream holds few
+    # walkers at middle temperatures, and both may have lost it: it is among the places of the begin.
     both = populations[0].joined(populations[1], WALKING)
-    moves = both.moves(np.concatenate([each.z for each in populations]))
+    moves = both.moves(np.concatenate([each.z for each in populations]), np.concatenate(begin) if several else None)
     if most_sweeps <= FIRST:
         return _judged(both, moves, [both.walk(most_sweeps, moves)], asked)
     # Stages leave thin ends empty, and the first walk fills them: it is no part of the answer. Its places are many more
