@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from os import getpid
 from time import monotonic
 
 import numpy as np
@@ -31,7 +32,7 @@ class SamplingProgress:
         self._deadline, self._mass = deadline, mass
         self._expected, self._remark = np.inf, ""
         self._bar: Progress | None = None
-        self._shown_at = -np.inf
+        self._shown_at, self._process = -np.inf, getpid()
         self.starts = False  # whether the bar is that of calls with few particles, before all others
 
     def expect(self, total: float) -> None:
@@ -66,8 +67,8 @@ class SamplingProgress:
 
     @property
     def waits(self) -> bool:
-        """Whether nothing has been shown for a while: a sampler is at work between two calls."""
-        return monotonic() - self._shown_at > SOON
+        """Whether nothing has been shown for a while: a sampler is at work between two calls. A fork shows nothing."""
+        return getpid() == self._process and monotonic() - self._shown_at > SOON
 
     def close(self) -> None:
         """End the display."""

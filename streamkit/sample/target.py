@@ -8,30 +8,27 @@ no point costs twice. `Workers` spreads the points over processes, counts the ca
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from itertools import groupby
 from time import monotonic, time
 from typing import Any
 
 import numpy as np
 
 from streamkit.components import Ensemble, Evaluations, TargetFactor
-from streamkit.errors import ChainError, ComponentError
+from streamkit.errors import ChainError
 from streamkit.report import Progress
 from streamkit.runfile import Prior
 from streamkit.sample.calls.comparison import Comparison
 from streamkit.sample.calls.search import Search
 from streamkit.sample.calls.signals import Stopped
-from streamkit.sample.calls.spread import Function, Spread
 from streamkit.sample.calls.workers import Workers
+from streamkit.sample.emulating import PART, Emulating
 from streamkit.sample.evaluation import Evaluation, details_of
 from streamkit.sample.progress import SamplingProgress
 from streamkit.sample.store.storage import Storage
-from streamkit.stream import Array, BoolArray, Data
-
-PART = 256  # points sent to the workers at a time
+from streamkit.stream import Array, Data
 
 
 @dataclass(frozen=True)
@@ -42,7 +39,7 @@ class Deadlines:
     search: float = np.inf
 
 
-class PosteriorTarget:
+class PosteriorTarget(Emulating):
     """A posterior to be sampled: a `streamkit.Target`."""
 
     def __init__(
@@ -118,34 +115,6 @@ class PosteriorTarget:
                     self.show(1, small)
         return [before[key] if (key := point.tobytes()) in before else cache.get(point[None])[0] for point in points]
 
-    def call_factors(self, points: Mapping[str, Array]) -> None:
-        """Call several factors by name at points (n, p), from one queue: their `predictions` then cost nothing."""
-        targets = {each.name: each.target for each in self.factors if isinstance(each.target, PosteriorTarget)}
-        queue = [(targets[name], point) for name, some in points.items() for point in targets[name]._missing(some)]
-        for begin in range(0, len(queue), PART):
-            part = queue[begin : begin + PART]
-            batches = [(target._which[0], np.array([point for _, point in some]))
-                       for target, some in groupby(part, key=_target)]  # fmt: skip
-            for (target, point), evaluation in zip(part, self._calls.each_of(batches), strict=True):
-                target.storage.evaluations.add(point, evaluation)
-                target.storage.evaluations.write(at_once=False)
-                target.show(1)
-
-    def spread(self, functions: Sequence[Function]) -> Spread:
-        """Return functions as one that evaluates all at a time: see `streamkit.Target`."""
-        every = [self, *(each.target for each in self.factors if isinstance(each.target, PosteriorTarget))]
-
-        def quiet() -> None:
-            for each in every:
-                each.display = SamplingProgress()
-
-        return Spread(functions, self._calls.processes, quiet)
-
-    def _missing(self, points: Array) -> list[Array]:
-        """Return those of points (n, d) that have not been evaluated with all particles, here or in an earlier run."""
-        points = np.ascontiguousarray(points, dtype=float)
-        return [each for each in self.storage.evaluations.missing(points) if each not in self.storage.earlier]
-
     @property
     def earlier(self) -> Array:
         """(n, d) Return the points of calls of an earlier run, which cost nothing."""
@@ -161,38 +130,6 @@ class PosteriorTarget:
         every = [self, *(each.target for each in self.factors if isinstance(each.target, PosteriorTarget))]
         full, few = (sum(len(each._asked[small]) for each in every) for small in (False, True))
         return full, few
-
-    # Samplers that emulate the predictions
-
-    @property
-    def coordinates(self) -> BoolArray:
-        """(d,) Whether the predictions depend on a parameter; the others enter the likelihood alone."""
-        return self._compared().coordinates
-
-    @property
-    def undeclared(self) -> Sequence[str]:
-        """The measurements that `compare` cannot compare: role and kind."""
-        return self._compared().undeclared
-
-    def compare(self, points: Array, mean: Array, variance: Array, details: Array) -> Array:
-        """Return ln likelihood (n,) at points (n, d) for given predictions."""
-        comparison = self._compared()
-        if not comparison.knows_shapes:
-            stores = (self.storage.evaluations, self.storage.earlier, self.storage.small)
-            place = next((found for each in stores if (found := each.any_good()) is not None), None)
-            if place is None:
-                raise ComponentError("Target.compare: no point has been evaluated before, with a likelihood")
-            comparison.read_shapes(place)
-        if self._calls.stop:  # a sampler may be at work for minutes between two calls
-            raise Stopped(self._calls.stop)
-        if self.display.waits:
-            self.show(0, self.display.starts)
-        return comparison.ln_likelihood(points, mean, variance, details)
-
-    def _compared(self) -> Comparison:
-        if self._comparison is None:
-            raise ComponentError("Target.compare: is for samplers with `emulates = True`, and this one has not")
-        return self._comparison
 
     # Samplers that walk
 
@@ -271,16 +208,7 @@ class PosteriorTarget:
         """Show a short text beside the progress."""
         self.display.remark(text)
 
-    def show(self, more: int, small: bool = False) -> None:
-        """Show ``more`` calls, those with few particles apart, or steps of a chain."""
-        made = sum(count for name, count in self._calls.calls.items() if name.startswith("full"))  # of all factors
-        self.display.update(more, made, self.storage, small)
-
     def counts(self) -> dict[str, Any]:
         """Return the calls, those of the search for a start, and the rejections by reason; before a resumption too."""
         reasons = dict(Counter(self._before["reasons"]) + self._calls.reasons["full"])
         return self._before | {"calls": self._before["calls"] + self._calls.calls["full"], "reasons": reasons}
-
-
-def _target(queued: tuple[PosteriorTarget, Array]) -> PosteriorTarget:
-    return queued[0]

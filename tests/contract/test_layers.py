@@ -49,7 +49,9 @@ ROOMS = {
         {"judge"},
         {"directory"},
     ),
-    "sample": ({"earlier"}, {"sampling", "factors"}, {"target"}, {"progress"}, {"calls", "store"}, {"evaluation"}),
+    "sample": (
+        {"earlier"}, {"sampling", "factors"}, {"target"}, {"emulating"}, {"progress"}, {"calls", "store"}, {"evaluation"},
+    ),  # fmt: skip
 }
 DOORS = {"", "engine"}  # what built-ins, the conformance kit and plugins may use: `streamkit` and `streamkit.engine`
 

@@ -26,13 +26,8 @@ class Spread:
     as they were then. Without fork, everything is evaluated here.
     """
 
-    def __init__(
-        self,
-        functions: Sequence[Function],
-        processes: int,  # with this one
-        prepare: Callable[[], object] = lambda: None,  # called in each fork first
-    ) -> None:
-        self._functions, self._prepare = list(functions), prepare
+    def __init__(self, functions: Sequence[Function], processes: int) -> None:  # with this process
+        self._functions = list(functions)
         self._count = min(processes, len(functions)) if "fork" in multiprocessing.get_all_start_methods() else 1
         self._shares: list[list[int]] = []
         self._forks: Processes | None = None
@@ -44,7 +39,7 @@ class Spread:
         if self._count < 2:
             return [function(each) for function, each in zip(self._functions, arguments, strict=True)]
         if self._forks is None:
-            self._forks = Processes(self._count - 1, _hold, (self._functions, self._prepare))
+            self._forks = Processes(self._count - 1, _hold, (self._functions,))
         mine, *others = self._shares
         futures = [self._forks.submit(_evaluated, share, [arguments[i] for i in share]) for share in others]
         found = {i: self._functions[i](arguments[i]) for i in mine}
@@ -67,9 +62,8 @@ class Spread:
         return found
 
 
-def _hold(functions: Sequence[Function], prepare: Callable[[], object]) -> None:
+def _hold(functions: Sequence[Function]) -> None:
     _HELD[:] = functions
-    prepare()
 
 
 def _evaluated(share: Sequence[int], arguments: Sequence[Array]) -> list[Array]:

@@ -135,9 +135,8 @@ class Rounds:
         spread: Callable[[Sequence[Callable[[Array], Array]]], AtOnce] | None = None,
     ) -> None:
         self._factors, self._noise, self._note, self._together = tuple(factors), noise, note, together
-        self._spread = spread
         self._starts_of_each, self._starter = starts, Starter(noise, note)
-        self._seed = factors[0].problem.seed
+        self._spread, self._seed = spread, factors[0].problem.seed
 
     def run(self, max_calls: int) -> Iterator[Progress]:
         """Yield how far the sampling is after every round; ``max_calls`` are those of each factor.
@@ -178,8 +177,7 @@ class Rounds:
 
     def _joint(self, known: Sequence[Known]) -> Joint:
         emulated = [each.emulated for each in known]
-        at_once = self._spread([each.ln_likelihood for each in emulated]) if self._spread is not None else None
-        return Joint(self._factors, emulated, at_once)
+        return Joint(self._factors, emulated, self._spread and self._spread([each.ln_likelihood for each in emulated]))
 
     def _copies(self, joint: Joint, result: Populations, seed: list[int]) -> list[Array]:
         """Return samples (2, n, d) of the posterior and of its tempered copies, each walked to from the one before."""
