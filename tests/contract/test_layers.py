@@ -50,8 +50,14 @@ ROOMS = {
         {"directory"},
     ),
     "sample": (
-        {"earlier"}, {"sampling", "factors"}, {"target"}, {"emulating"}, {"progress"}, {"calls", "store"}, {"evaluation"},
-    ),  # fmt: skip
+        {"earlier"},
+        {"sampling", "factors"},
+        {"target"},
+        {"emulating"},
+        {"progress"},
+        {"calls", "store"},
+        {"evaluation"},
+    ),
 }
 DOORS = {"", "engine"}  # what built-ins, the conformance kit and plugins may use: `streamkit` and `streamkit.engine`
 
