@@ -30,9 +30,6 @@ class Problem:
     def time_left(self):
         return np.inf
 
-    def expect(self, calls):
-        pass
-
 
 class OfToy(Problem):
     """That of a toy, with noise added to its predictions: so much in ln L."""

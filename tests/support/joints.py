@@ -159,9 +159,6 @@ class OfFactor:
     def time_left(self):
         return np.inf
 
-    def expect(self, calls):
-        pass
-
 
 def factors_of(target, **kwargs):
     """The factors of a target, and all its coordinates."""

@@ -42,10 +42,6 @@ class OfTarget:
         """Return the seconds until the run's time limit."""
         return self._target.time_left()
 
-    def expect(self, calls: float) -> None:
-        """Show how many calls there may have been at the end."""
-        self._target.expect(calls)
-
 
 class LikelihoodOnly:
     """A problem whose one prediction is ln likelihood: for likelihoods that nobody can call for given predictions."""
@@ -57,7 +53,7 @@ class LikelihoodOnly:
         self.values, self.errors, self.add_noise = np.zeros(1), np.ones(1), False
         self.is_ln_likelihood = True
         self.from_unit, self.ln_prior = problem.from_unit, problem.ln_prior
-        self.time_left, self.expect = problem.time_left, problem.expect
+        self.time_left = problem.time_left
 
     def evaluate(self, points: Array) -> Answers:
         """Call the model at points (n, d)."""

@@ -82,6 +82,3 @@ class Problem(Protocol):
 
     def time_left(self) -> float:
         """Return the seconds until the run's time limit; infinite without one."""
-
-    def expect(self, calls: float) -> None:
-        """Say how many calls there may have been at the end, as far as is known by now."""

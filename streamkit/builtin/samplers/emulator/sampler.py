@@ -59,7 +59,6 @@ class PredictionEmulator(Sampler):
         from streamkit.builtin.samplers.emulator.space import Space
 
         factors, space = _factors(target), Space(OfTarget(target))
-        target.expect(self.max_calls * len(factors))
         spread = target.spread if len(factors) > 1 else None
         rounds = Rounds(factors, self.realisation == "one", self.starts, target.remark, target.call_factors, spread)
         for progress in rounds.run(self.max_calls):
