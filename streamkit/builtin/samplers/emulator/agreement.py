@@ -95,7 +95,7 @@ def judge(layout: Layout, walked: Array) -> Walked:
     """
     found, every = [], walked.size // MOST + 1
     for watched in _watched(layout, walked[::every]):
-        times = every * autocorrelation_times(watched if len(layout.own) < 2 else _normal_scores(watched))
+        times = every * autocorrelation_times(_normal_scores(watched) if layout.several else watched)
         r_hat = agreement(np.stack(np.split(watched, 2, axis=1)))
         found.append(Walked(r_hat, float(times.max()), float(np.max((kurtosis(watched) - 1) * times))))
     return Walked(*(max(column) for column in zip(*found, strict=True)))

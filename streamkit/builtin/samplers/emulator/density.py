@@ -51,6 +51,11 @@ class Layout:
         """Number of coordinates d."""
         return len(self.shared) + sum(map(len, self.own))
 
+    @property
+    def several(self) -> bool:
+        """Whether there are several factors."""
+        return len(self.own) > 1
+
     def of(self, factor: int) -> IntArray:
         """Indices of all coordinates that a factor depends on, in rising order."""
         return np.sort(np.concatenate([self.shared, self.own[factor]]))

@@ -59,14 +59,13 @@ class Moves:
         if beside is not None:
             drawn = [np.concatenate([left, self._left(beside, k)]) for k, left in enumerate(self._lefts)]
         self._own = [Mixture.of(each, rng) if each.shape[1] else None for each in drawn]
-        self._several = len(layout.own) > 1
         alone = self._own[0] if self._shared is None and len(self._own) == 1 else None
         self._whole = (alone or Mixture.of(places, rng)) if draws else None
         self._follows = follows
         self._h = places[:, layout.shared]
         self._precision = self._precision_of(places)
         self.accepted, self.tried = np.zeros(4), np.zeros(4)
-        self._often = 0 if self._shared is None else OFTEN if self._several else 1
+        self._often = 0 if self._shared is None else OFTEN if layout.several else 1
         self._blocks = self._often + int(any(each is not None for each in self._own))
 
     def _precision_of(self, places: Array) -> Array:
@@ -113,7 +112,7 @@ class Moves:
         return np.asarray(self.accepted / np.maximum(self.tried, 1))
 
     def _lengths(self, n: int, rng: np.random.Generator, by_mixture: bool) -> Array | None:
-        return rng.choice(LENGTHS_OF_SEVERAL if self._several else LENGTHS, size=n) if by_mixture else None
+        return rng.choice(LENGTHS_OF_SEVERAL if self._layout.several else LENGTHS, size=n) if by_mixture else None
 
     @staticmethod
     def _differences(archive: Array, n: int, rng: np.random.Generator, cross: bool = False) -> Array:
@@ -158,7 +157,7 @@ class Moves:
             if mixture is None:
                 continue
             if length is None:
-                new[:, own] += self._differences(self._lefts[k], len(z), rng, cross=self._several)
+                new[:, own] += self._differences(self._lefts[k], len(z), rng, cross=self._layout.several)
             else:
                 left = self._left(z, k)
                 proposed, correction[:, k] = mixture.step(left, length, rng)

@@ -128,7 +128,6 @@ class Population:
         if there.sum() < 2:
             raise StreamkitError(f"of {len(begin)} places to begin from only {there.sum()} have a probability")
         self.z, self.terms, self.beta = begin[there], terms.take(there), 0.0
-        self.several = len(self.layout.own) > 1
         self._draws = self._follows = True
 
     def choose(self, walkers: int, beta: float) -> Population:
@@ -160,7 +159,7 @@ class Population:
             self._take(_systematic(weights, walkers, self._rng))
             # a stage at least as long as equal factors make it: the walk does what the weights cannot
             self.beta = min(max(wanted, self.beta * slowest if stage >= MOST_STAGES // 2 else 0.0), 1.0)
-            self.settle(sweeps, follow=self.beta >= 1 or not self.several)
+            self.settle(sweeps, follow=self.beta >= 1 or not self.layout.several)
             if self.beta >= 1:
                 break
         return self
@@ -209,8 +208,8 @@ class Population:
             if done % RENEWED == 0:
                 moves = self.moves()
             last = done == sweeps - 1
-            self._sweep(moves, follow=follow and (last or (done % RENEWED == RENEWED - 1 and not self.several)))
-        if self.several:
+            self._sweep(moves, follow=follow and (last or (done % RENEWED == RENEWED - 1 and not self.layout.several)))
+        if self.layout.several:
             self._draws = self._draws and moves.rates[1] >= RARE
             self._follows = self._follows and (not follow or moves.rates[3] >= TOO_RARE_TO_FOLLOW)
         return self
@@ -258,7 +257,7 @@ def sample(
 
     Raises StreamkitError where no place has a probability.
     """
-    several = len(density.layout.own) > 1
+    several = density.layout.several
     most_sweeps = most_sweeps or (MOST_OF_SEVERAL if several else MOST_SWEEPS)
     walkers = walkers or max(WALKERS // max(len(density.layout.own), 1), LEAST_WALKERS)
     populations = [Population(density, places, np.random.default_rng([*seed, i])) for i, places in enumerate(begin)]
@@ -295,7 +294,7 @@ def go_on(density: Density, begin: Array, seed: list[int]) -> Populations:
     """Walk shortly from where two populations (2, w, d) ended, with another density that is nearly the same."""
     one, other = (Population(density, places, np.random.default_rng([*seed, i])) for i, places in enumerate(begin))
     both = one.at(ROUND_WALKERS, 1.0).joined(other.at(ROUND_WALKERS, 1.0), ROUND_WALKERS).settle(ROUND_SETTLING)
-    moves, sweeps = both.moves(), ROUND_SWEEPS * (OF_SEVERAL if both.several else 1)
+    moves, sweeps = both.moves(), ROUND_SWEEPS * (OF_SEVERAL if both.layout.several else 1)
     return _judged(both, moves, [both.walk(sweeps, moves)], GIVEN)
 
 
