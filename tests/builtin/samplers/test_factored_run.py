@@ -79,8 +79,8 @@ def test_a_resumed_run_makes_no_call_again_and_gives_the_same_samples(run, tmp_p
     np.testing.assert_array_equal(again.samples, results.samples)
 
 
-@pytest.mark.slow  # those of the default sampler do in `test_runner.py`
 def test_two_workers_give_the_same_samples_from_one_queue(run) -> None:
+    """They make the streams, and walk: each evaluates some of the emulators."""
     _, results = run
     again = sk.run(results.spec, workers=2, progress=False)
     np.testing.assert_array_equal(again.samples, results.samples)
