@@ -21,7 +21,7 @@ UNCERTAIN = 0.18
 NOISE = 0.5 * UNCERTAIN
 # New points of a round for each parameter, in any case, and as a fraction of all calls so far; the least of several
 # factors is larger by the last: sampling all of them costs more than so many calls of each.
-ROUND, LEAST_ROUND, GROWTH, OF_SEVERAL = 8, 80, 0.15, 2
+ROUND, LEAST_ROUND, GROWTH, TIMES_OF_SEVERAL = 8, 80, 0.15, 2
 # A factor with fewer calls left than this is called no more.
 FEW = 16
 # Standard deviations that the posterior may move after a factor's last calls: beyond, a polynomial extrapolates. Beyond
@@ -61,7 +61,7 @@ def new_calls(known: Sequence[Known]) -> list[int]:
     scale = min(roots.sum() / NOISE**2, 2 * float(np.min(made / np.maximum(roots, 1e-300))))
     fewest = roots * scale - made if several else np.zeros(1)
     parameters = np.array([each.factor.problem.size for each in known])
-    least = np.maximum(ROUND * parameters, LEAST_ROUND) * (OF_SEVERAL if several else 1)
+    least = np.maximum(ROUND * parameters, LEAST_ROUND) * (TIMES_OF_SEVERAL if several else 1)
     return [int(each) for each in np.maximum(np.maximum(least, (GROWTH * made).astype(int)), fewest)]
 
 

@@ -51,7 +51,7 @@ LAST = 512
 ROUND_WALKERS, ROUND_SETTLING, ROUND_SWEEPS, TEMPERED = 128, 10, 20, 10
 # Sweeps of a round of several streams, in units of that of one. They take seconds. A needless round, as what moves and
 # is uncertain was measured by few independent samples, takes minutes.
-OF_SEVERAL = 3
+LONGER_OF_SEVERAL = 3
 
 
 class Asked(NamedTuple):
@@ -294,7 +294,7 @@ def go_on(density: Density, begin: Array, seed: list[int]) -> Populations:
     """Walk shortly from where two populations (2, w, d) ended, with another density that is nearly the same."""
     one, other = (Population(density, places, np.random.default_rng([*seed, i])) for i, places in enumerate(begin))
     both = one.at(ROUND_WALKERS, 1.0).joined(other.at(ROUND_WALKERS, 1.0), ROUND_WALKERS).settle(ROUND_SETTLING)
-    moves, sweeps = both.moves(), ROUND_SWEEPS * (OF_SEVERAL if both.layout.several else 1)
+    moves, sweeps = both.moves(), ROUND_SWEEPS * (LONGER_OF_SEVERAL if both.layout.several else 1)
     return _judged(both, moves, [both.walk(sweeps, moves)], GIVEN)
 
 
