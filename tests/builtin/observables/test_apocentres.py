@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 from snapshots import model_stream, nbody_stream, run_file
 
 from streamkit import Stream
@@ -306,3 +307,9 @@ def test_what_an_observable_shows_is_its_own():
     peak = prediction.details["leading_peak"][0]
     assert datum.x[0] == pytest.approx(peak - (360 - 95))
     assert observable.radii() == {"leading apocentre": 57.0, "trailing apocentre": 96.0}
+
+
+@pytest.mark.parametrize("arm", ["leading", "trailing"])
+def test_an_apocentre_is_above_zero(arm):
+    with pytest.raises(ValidationError, match="expected an apocentre above 0 kpc"):
+        Apocentres(**{arm: ("-47.8 kpc", "0.5 kpc")})

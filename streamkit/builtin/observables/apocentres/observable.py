@@ -69,7 +69,7 @@ class Apocentres(sk.Observable):
     @classmethod
     def _is_a_distance(cls, datum: tuple[float, float] | None) -> tuple[float, float] | None:
         if datum is not None and not datum[0] > 0:
-            raise ValueError(f"found an apocentre of {datum[0]:g} kpc, expected one above 0")
+            raise ValueError("expected an apocentre above 0 kpc")
         return datum
 
     def data(self) -> tuple[sk.Array, sk.Array]:
