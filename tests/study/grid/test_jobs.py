@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -37,27 +38,15 @@ def die_at_three(n: int) -> int:
     return n * n
 
 
-def terminate_at_two(n: int) -> int:
+def signal_at_two(signum: int, n: int) -> int:
     if n == 2:
-        os.kill(os.getpid(), signal.SIGTERM)
+        os.kill(os.getpid(), signum)
     return n * n
 
 
-def interrupt_a_fit_at_two(n: int) -> int:
+def signal_in_a_fit_at_two(signum: int, n: int) -> int:
     if n == 2:
-        raise Interrupted("stopped after 0 steps, which are not saved")
-    return n * n
-
-
-def interrupt_at_two(n: int) -> int:
-    if n == 2:
-        os.kill(os.getpid(), signal.SIGINT)
-    return n * n
-
-
-def terminate_a_fit_at_two(n: int) -> int:
-    if n == 2:
-        raise Interrupted("stopped after 0 steps, which are not saved", signal.SIGTERM)
+        raise Interrupted("stopped after 0 steps, which are not saved", signum)
     return n * n
 
 
@@ -83,16 +72,15 @@ def test_an_end_before_a_result_is_an_interruption_only_after_a_signal() -> None
     assert not isinstance(died, Interrupted)
 
 
+@pytest.mark.parametrize("work", [signal_at_two, signal_in_a_fit_at_two])
 @pytest.mark.parametrize(
-    ("work", "reason", "status"),
-    [(terminate_at_two, "terminated", 143), (interrupt_at_two, "interrupted", 130),
-     (interrupt_a_fit_at_two, "interrupted", 130), (terminate_a_fit_at_two, "terminated", 143)],
-)  # fmt: skip
+    ("signum", "reason", "status"), [(signal.SIGINT, "interrupted", 130), (signal.SIGTERM, "terminated", 143)]
+)
 def test_a_signal_keeps_what_is_finished_and_leaves_signals_as_they_were(
-    work: Callable[[int], int], reason: str, status: int
+    work: Callable[[int, int], int], signum: int, reason: str, status: int
 ) -> None:
     before = signal.getsignal(signal.SIGTERM)
-    assert run_jobs(work, JOBS) == ({"a": 1}, reason)
+    assert run_jobs(partial(work, signum), JOBS) == ({"a": 1}, reason)
     assert exit_status(reason) == status
     assert signal.getsignal(signal.SIGTERM) is before
 

@@ -59,8 +59,8 @@ class PredictionEmulator(Sampler):
         from streamkit.builtin.samplers.emulator.space import Space
 
         factors, space = _factors(target), Space(OfTarget(target))
-        spread = target.spread if len(factors) > 1 else None
-        rounds = Rounds(factors, self.realisation == "one", self.starts, target.remark, target.call_factors, spread)
+        one = self.realisation == "one"
+        rounds = Rounds(factors, one, self.starts, target.remark, target.call_factors, target.spread)
         for progress in rounds.run(self.max_calls):
             yield _samples(target, space, progress)
 
