@@ -120,8 +120,10 @@ class Kernel:
 def squared_exponential(a: Array, b: Array, lengths: Array) -> Array:
     """(n, q) exp(-r^2 / 2) between points a (n, c) and b (q, c), r in units of the lengths."""
     a, b = a / lengths, b / lengths
-    r2 = np.sum(a**2, axis=1)[:, None] + np.sum(b**2, axis=1) - 2 * a @ b.T
-    return np.asarray(np.exp(-0.5 * np.maximum(r2, 0.0)))
+    near = a @ b.T  # then in place: an array of this size costs as much as its exponentials
+    near -= 0.5 * np.sum(a**2, axis=1)[:, None] + 0.5 * np.sum(b**2, axis=1)
+    np.minimum(near, 0.0, out=near)
+    return np.exp(near, out=near)
 
 
 def learn_kernel(

@@ -36,8 +36,10 @@ RENEWED = 5
 # accepted: those of many streams together never are.
 RARE, TOO_RARE_TO_FOLLOW = 1e-3, 0.02
 # Walkers of a population that walk on, sweeps of their first walk, and their most sweeps. Thin ends of a posterior fill
-# slowly, and a walk of fewer sweeps does not show that they are missing.
-WALKING, FIRST, MOST_SWEEPS, MOST_OF_SEVERAL = 64, 100, 3000, 6000
+# slowly, and a walk of fewer sweeps does not show that they are missing. Of several factors one sweep in so many is kept:
+# its autocorrelation times are much longer, and all of them would need gigabytes.
+WALKING, FIRST, MOST_SWEEPS, MOST_OF_SEVERAL = 64, 100, 3000, 12000
+KEPT_OF_SEVERAL = 4
 # Places of the first walk that the moves of the second one are made from.
 MANY = 8000
 # Largest R-hat over both populations. It is a difference of means of 0.15 standard deviations: their common mean is off
@@ -217,11 +219,12 @@ class Population:
     def _sweep(self, moves: Moves, follow: bool = True) -> None:
         self.z, self.terms = moves.sweep(self._density, self.z, self.terms, max(self.beta, 1e-9), self._rng, follow)
 
-    def walk(self, sweeps: int, moves: Moves) -> tuple[Array, list[Terms]]:
-        """Return the places (sweeps, w, d) and terms of a walk with moves that do not change."""
-        places, terms = np.empty((sweeps, *self.z.shape)), []
-        for i in range(sweeps):
-            self._sweep(moves)
+    def walk(self, sweeps: int, moves: Moves, every: int = 1) -> tuple[Array, list[Terms]]:
+        """Return the places (sweeps / every, w, d) and terms of a walk with moves that do not change."""
+        places, terms = np.empty((sweeps // every, *self.z.shape)), []
+        for i in range(len(places)):
+            for _ in range(every):
+                self._sweep(moves)
             places[i] = self.z
             terms.append(self.terms)
         return places, terms
@@ -258,6 +261,7 @@ def sample(
     Raises StreamkitError where no place has a probability.
     """
     several = density.layout.several
+    every = KEPT_OF_SEVERAL if several else 1
     most_sweeps = most_sweeps or (MOST_OF_SEVERAL if several else MOST_SWEEPS)
     walkers = walkers or max(WALKERS // max(len(density.layout.own), 1), LEAST_WALKERS)
     populations = [Population(density, places, np.random.default_rng([*seed, i])) for i, places in enumerate(begin)]
@@ -279,9 +283,9 @@ def sample(
     parts: list[tuple[Array, list[Terms]]] = []
     sweeps, more = 0, int(FIRST * max(asked.least / len(density.layout.own), 1.0))
     while True:
-        parts.append(both.walk(more, moves))
-        sweeps += more
-        result = _judged(both, moves, parts, asked)
+        parts.append(both.walk(max(more, every), moves, every))
+        sweeps += len(parts[-1][1]) * every
+        result = _judged(both, moves, parts, asked, every)
         lacking = (result.width_error / asked.width_error) ** 2 if sweeps < SWEEPS_FOR_WIDTHS else 0.0
         if (result.agree and lacking <= 1) or sweeps >= most_sweeps:
             return result
@@ -306,20 +310,25 @@ def tempered(density: Density, begin: Array, beta: float, seed: list[int]) -> Ar
     return np.stack([each.reshape(-1, places.shape[2]) for each in np.split(places, 2, axis=1)])
 
 
-def _judged(both: Population, moves: Moves, parts: Sequence[tuple[Array, list[Terms]]], asked: Asked) -> Populations:
-    """Say how well two populations agree that have walked as one, in parts; each is a half of the walkers."""
+def _judged(
+    both: Population, moves: Moves, parts: Sequence[tuple[Array, list[Terms]]], asked: Asked, every: int = 1
+) -> Populations:
+    """Say how well two populations agree that have walked as one, in parts; each is a half of the walkers.
+
+    The parts have one sweep in ``every``.
+    """
     walked = np.concatenate([places for places, _ in parts])
-    sweeps, walkers, d = walked.shape
+    kept, walkers, d = walked.shape
     r_hat, time, spread = judge(both.layout, walked)
     samples = np.concatenate([each.reshape(-1, d) for each in np.split(walked, 2, axis=1)])
     halves = np.split(np.arange(walkers), 2)
     terms = [each.take(half) for half in halves for _, part in parts for each in part]
-    last = samples.reshape(2, -1, d)[:, np.linspace(0, sweeps * walkers // 2 - 1, LAST).astype(int)]
+    last = samples.reshape(2, -1, d)[:, np.linspace(0, kept * walkers // 2 - 1, LAST).astype(int)]
     count, width_error = len(samples) / time, float(np.sqrt(spread / (4 * len(samples))))
     return Populations(
         samples, Terms(*(np.concatenate(each) for each in zip(*terms, strict=True))),
-        last, r_hat, time, count, width_error, sweeps, moves.rates,
-        bool(r_hat < R_HAT and sweeps > asked.times * time and count > asked.independent),
+        last, r_hat, every * time, count, width_error, every * kept, moves.rates,
+        bool(r_hat < R_HAT and kept > asked.times * time and count > asked.independent),
     )  # fmt: skip
 
 
