@@ -345,6 +345,17 @@ def by_late(first, max_calls):
     return last
 
 
+@pytest.mark.slow
+def test_a_start_that_its_noise_keeps_from_arriving_ends():
+    notes = []
+    factor = one_factor(OfToy(Curved()), OfToy(Curved(), 60, noise=10.0, stated=False))
+    start = Starter(False, notes.append).one(factor, 0)
+    errors = [float(note.split("error is ")[1].split()[0]) for note in notes]
+    assert errors[-1] > 1.5
+    assert len(errors) < 30  # of 40 waves; the calls go on with all particles
+    assert np.all(np.abs(start.places.mean(axis=0)) < 3)
+
+
 @pytest.mark.usefixtures("few_steps")
 def test_where_no_place_of_the_starts_has_a_prediction_others_are_called():
     assert by_late(first=300, max_calls=500).known[0].calls.good.sum() > 100

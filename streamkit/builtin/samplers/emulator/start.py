@@ -30,8 +30,9 @@ from streamkit.builtin.samplers.emulator.space import Space
 DRAWS, FEWEST_DRAWS, NEEDED, MOST_BATCHES = 20, 60, 8, 16
 # New points of a wave for each parameter, and in any case.
 WAVE, LEAST_WAVE = 6, 48
-# Most waves of a start.
-WAVES = 40
+# Most waves of a start. It ends earlier where the emulator's own error stays above this fraction of its least for so many
+# waves: more calls with few particles do not help, as where an orbit is chaotic.
+WAVES, LOWER, PATIENCE = 40, 0.9, 12
 # Doubt, in ln likelihood, below which the emulator has arrived: what its own error makes of it at a typical sample.
 ARRIVED = 1.5
 # The same for the data of the host beside several streams: a call there takes no stream, and all streams need it.
@@ -187,6 +188,7 @@ class Starter:
             calls = Calls.of(small, space, factor.earlier)
         calls = _draws(small, space, seed) if calls is None else calls
         d, places, draws = small.size, None, 0 if len(factor.earlier) else len(calls)
+        least, last = np.inf, 0
         for wave in range(WAVES):
             emulator = calls.learn()
             if emulator is None:
@@ -198,7 +200,9 @@ class Starter:
             places = population.come(max(LEAST_WALKERS, WALKERS * d), SWEEPS, USED)
             own_error = own_error_of(emulated, places)
             self._note(f"{factor.name}: {len(calls)} draws, the emulator's own error is {own_error:.1f} in ln L")
-            if own_error < (ARRIVED if len(factor.own) else HOST_ARRIVED):
+            if own_error < LOWER * least:
+                least, last = own_error, wave
+            if own_error < (ARRIVED if len(factor.own) else HOST_ARRIVED) or wave - last == PATIENCE:
                 break
             calls += Calls.at(small, space, rng.choice(places, max(WAVE * d, LEAST_WAVE), replace=False))
         if places is None:
