@@ -10,8 +10,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from streamkit import Array, IntArray
+from streamkit import Array
 from streamkit.builtin.samplers.emulator.density import Density, Layout, Terms
+from streamkit.builtin.samplers.emulator.following import Following
 from streamkit.builtin.samplers.emulator.geodesic import Surface, trajectory
 from streamkit.builtin.samplers.emulator.mixture import Mixture
 
@@ -51,8 +52,7 @@ class Moves:
         beside: Array | None = None,  # (m, d) other places that own coordinates are drawn near
     ) -> None:
         self._layout = layout
-        self._middle = places[:, layout.shared].mean(axis=0)
-        self._follow = [self._regression(places, own) for own in layout.own]
+        self._follow = [Following.of(places[:, layout.shared], places[:, own]) for own in layout.own]
         self._lefts = [self._left(places, k) for k in range(len(layout.own))]
         self._shared = Mixture.of(places[:, layout.shared], rng) if len(layout.shared) else None
         drawn = self._lefts
@@ -77,17 +77,9 @@ class Moves:
             precision[np.ix_(block, block)] = np.linalg.inv(covariance[np.ix_(block, block)])
         return precision
 
-    def _regression(self, places: Array, own: IntArray) -> Array:
-        """(h, k) The coefficients of the own coordinates on the shared ones."""
-        shared = self._layout.shared
-        if not len(shared) or not len(own):
-            return np.zeros((len(shared), len(own)))
-        return np.asarray(np.linalg.lstsq(places[:, shared] - self._middle, places[:, own])[0])
-
     def _left(self, places: Array, k: int) -> Array:
-        """(n, k) Residuals of the own coordinates of a factor in the regression."""
-        shared = places[:, self._layout.shared] - self._middle
-        return np.asarray(places[:, self._layout.own[k]] - shared @ self._follow[k])
+        """(n, k) Residuals of the own coordinates of a factor."""
+        return self._follow[k].left(places[:, self._layout.shared], places[:, self._layout.own[k]])
 
     def sweep(
         self, density: Density, z: Array, terms: Terms, beta: float, rng: np.random.Generator, follow: bool = True
@@ -139,9 +131,10 @@ class Moves:
             new_h, correction = self._shared.step(h, length, rng)
             step = new_h - h
         new = z.copy()
-        new[:, self._layout.shared] += step
+        new[:, self._layout.shared] = new_h = h + step
         for own, follow in zip(self._layout.own, self._follow, strict=True):
-            new[:, own] += step @ follow
+            new[:, own] = follow.at(new_h) + follow.stretched(new_h, follow.left(h, z[:, own]))
+            correction += np.sum(follow.ln_widths(new_h) - follow.ln_widths(h), axis=1)
         others = density.terms(new)
         gain = _gain(others.total(beta), terms.total(beta)) + correction
         accepted = np.log(rng.random(len(z))) < gain
@@ -152,16 +145,17 @@ class Moves:
         self, density: Density, z: Array, terms: Terms, beta: float, rng: np.random.Generator, length: Array | None
     ) -> tuple[Array, Terms]:
         """Move s_k of all factors at a time; each is accepted for itself."""
-        new, correction = z.copy(), np.zeros((len(z), len(self._own)))
+        new, correction, h = z.copy(), np.zeros((len(z), len(self._own))), z[:, self._layout.shared]
         for k, (own, mixture) in enumerate(zip(self._layout.own, self._own, strict=True)):
             if mixture is None:
                 continue
             if length is None:
-                new[:, own] += self._differences(self._lefts[k], len(z), rng, cross=self._layout.several)
+                change = self._differences(self._lefts[k], len(z), rng, cross=self._layout.several)
             else:
                 left = self._left(z, k)
                 proposed, correction[:, k] = mixture.step(left, length, rng)
-                new[:, own] += proposed - left
+                change = proposed - left
+            new[:, own] += self._follow[k].stretched(h, change)
         others = density.terms(new)
         before = terms.prior[:, 1:] + beta * terms.ln_likelihood
         after = others.prior[:, 1:] + beta * others.ln_likelihood

@@ -36,8 +36,8 @@ RENEWED = 5
 # accepted: those of many streams together never are.
 RARE, TOO_RARE_TO_FOLLOW = 1e-3, 0.02
 # Walkers of a population that walk on, sweeps of their first walk, and their most sweeps. Thin ends of a posterior fill
-# slowly, and a walk of fewer sweeps does not show that they are missing. Of several factors one sweep in so many is kept:
-# its autocorrelation times are much longer, and all of them would need gigabytes.
+# slowly, and a walk of fewer sweeps does not show that they are missing. Of several factors one sweep in so many is
+# kept: autocorrelation times are much longer, and all sweeps would need gigabytes.
 WALKING, FIRST, MOST_SWEEPS, MOST_OF_SEVERAL = 64, 100, 3000, 12000
 KEPT_OF_SEVERAL = 4
 # Places of the first walk that the moves of the second one are made from.

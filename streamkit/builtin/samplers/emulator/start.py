@@ -30,8 +30,8 @@ from streamkit.builtin.samplers.emulator.space import Space
 DRAWS, FEWEST_DRAWS, NEEDED, MOST_BATCHES = 20, 60, 8, 16
 # New points of a wave for each parameter, and in any case.
 WAVE, LEAST_WAVE = 6, 48
-# Most waves of a start. It ends earlier where the emulator's own error stays above this fraction of its least for so many
-# waves: more calls with few particles do not help, as where an orbit is chaotic.
+# Most waves of a start. It ends earlier where the emulator's own error stays above this fraction of its least for so
+# many waves: more calls with few particles do not help, as where an orbit is chaotic.
 WAVES, LOWER, PATIENCE = 40, 0.9, 12
 # Doubt, in ln likelihood, below which the emulator has arrived: what its own error makes of it at a typical sample.
 ARRIVED = 1.5

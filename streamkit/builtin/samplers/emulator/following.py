@@ -1,0 +1,103 @@
+"""How the own coordinates of a stream follow those that all streams share, when these are moved.
+
+A step of the shared coordinates h is accepted as often as the own ones s go along with what the posterior makes of
+them. s = m(h) + L exp(l(h)) L^-1 r, with residuals r that stay: a regression m of first or second degree, and ln widths
+l that change with h, along the rows of a Cholesky factor L. Twelve streams have some hundred own coordinates: each that
+bends or widens a little holds h where it is. A hundred coefficients that are noise do the same. So each stream gets the
+form by which one half of the places predicts the other one best.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from streamkit import Array
+from streamkit.builtin.samplers.monomials import count, monomials
+
+# Residuals in standard deviations below which ln |r| says nothing of a width: it is a number near to nothing by chance.
+TINY = 0.05
+# Most that a ln width changes by.
+MOST = 1.0
+# Places for each coefficient of a regression of second degree: those of a walk, and not those of some hundred walkers
+# on their way to the posterior, which would lose narrow modes.
+ENOUGH = 80
+
+
+@dataclass(frozen=True)
+class Following:
+    """What own coordinates (n, k) are at shared ones h (n, q).
+
+    Attributes
+    ----------
+    middle, scale
+        (q,) of h.
+    coefficients
+        (t, k) of the regression.
+    root, slopes
+        (k, k) L, and (q, k) those of l; None where widths do not change.
+    """
+
+    middle: Array
+    scale: Array
+    coefficients: Array
+    root: Array
+    slopes: Array | None = None
+
+    @classmethod
+    def of(cls, h: Array, own: Array) -> Following:
+        """Learn from places: h (n, q), own (n, k); of few of them a straight line of constant width."""
+        if not h.shape[1] or not own.shape[1]:
+            return cls(np.zeros(h.shape[1]), np.ones(h.shape[1]), np.zeros((1, own.shape[1])), np.eye(own.shape[1]))
+        forms = [(1, False)]
+        if len(h) >= ENOUGH * count(h.shape[1], 2):
+            forms += [(1, True), (2, False), (2, True)]
+        half = len(h) // 2
+        if len(forms) == 1:
+            return cls._learned(h, own, *forms[0])
+        predicted = [cls._learned(h[:half], own[:half], *form)._predicts(h[half:], own[half:]) for form in forms]
+        return cls._learned(h, own, *forms[int(np.argmax(predicted))])
+
+    @classmethod
+    def _learned(cls, h: Array, own: Array, degree: int, widths: bool) -> Following:
+        middle, scale = h.mean(axis=0), np.maximum(h.std(axis=0), 1e-300)
+        x = (h - middle) / scale
+        terms = monomials(x, degree)
+        coefficients = np.asarray(np.linalg.lstsq(terms, own)[0])
+        left = own - terms @ coefficients
+        covariance = np.atleast_2d(left.T @ left) / len(left)
+        covariance[np.diag_indices_from(covariance)] *= 1 + 1e-9
+        found = cls(middle, scale, coefficients, np.asarray(np.linalg.cholesky(covariance), dtype=float))
+        if not widths:
+            return found
+        ln = np.log(np.maximum(np.abs(np.linalg.solve(found.root, left.T).T), TINY))
+        slopes = np.asarray(np.linalg.lstsq(monomials(x, 1), ln)[0])[1:]
+        return cls(middle, scale, coefficients, found.root, slopes)
+
+    def at(self, h: Array) -> Array:
+        """(n, k) The middle of the own coordinates at h (n, q)."""
+        degree = 2 if len(self.coefficients) > 1 + len(self.middle) else min(len(self.coefficients) - 1, 1)
+        return np.asarray(monomials((h - self.middle) / self.scale, degree) @ self.coefficients)
+
+    def ln_widths(self, h: Array) -> Array:
+        """(n, k) l at h (n, q)."""
+        if self.slopes is None:
+            return np.zeros((len(h), self.coefficients.shape[1]))
+        return np.clip((h - self.middle) / self.scale @ self.slopes, -MOST, MOST)
+
+    def stretched(self, h: Array, left: Array, sign: float = 1.0) -> Array:
+        """(n, k) Residuals (n, k) as wide as they are at h (n, q); back from there with ``sign`` -1."""
+        if self.slopes is None:
+            return left
+        return np.asarray((np.linalg.solve(self.root, left.T).T * np.exp(sign * self.ln_widths(h))) @ self.root.T)
+
+    def left(self, h: Array, own: Array) -> Array:
+        """(n, k) The residuals of own coordinates (n, k) at h (n, q)."""
+        return self.stretched(h, own - self.at(h), -1.0)
+
+    def _predicts(self, h: Array, own: Array) -> float:
+        """Return the mean ln density of own coordinates (n, k) at h (n, q), if their residuals are Gaussian."""
+        white = np.linalg.solve(self.root, self.left(h, own).T)
+        volume = np.log(np.diag(self.root)).sum() + self.ln_widths(h).sum(axis=1).mean()
+        return float(-0.5 * np.mean(np.sum(white**2, axis=0)) - volume)
