@@ -7,6 +7,8 @@ from scipy.stats import norm
 
 from streamkit.builtin.samplers.emulator.agreement import agreement
 from streamkit.builtin.samplers.emulator.density import Layout, Terms
+from streamkit.builtin.samplers.emulator.following import Following
+from streamkit.builtin.samplers.emulator.mixture import Mixture as BlockMixture
 from streamkit.builtin.samplers.emulator.moves import Moves
 from streamkit.builtin.samplers.emulator.places import by_width
 from streamkit.builtin.samplers.emulator.populations import sample
@@ -55,6 +57,53 @@ def test_trajectories_along_the_surface_leave_a_gaussian_as_it_is() -> None:
     assert moves.accepted[3] > 0.85
     assert_right(moved, mean, covariance)
     np.testing.assert_allclose(terms.total(1.0), target.terms(moved).total(1.0))
+
+
+class Bent:
+    """Own coordinates on a parabola, and wide where it is high."""
+
+    layout = Layout(np.array([0]), [np.array([1, 2])])
+
+    @staticmethod
+    def drawn(n: int, rng: np.random.Generator) -> np.ndarray:
+        h = rng.standard_normal(n)
+        return np.stack([h, *(h**2 + np.exp(0.4 * h) * rng.standard_normal((2, n)))], axis=1)
+
+    def terms(self, z: np.ndarray) -> Terms:
+        h, own = z[:, :1], z[:, 1:]
+        prior = np.concatenate([-0.5 * h**2, np.zeros_like(h)], axis=1)
+        return Terms(prior, np.sum(-0.5 * ((own - h**2) * np.exp(-0.4 * h)) ** 2 - 0.4 * h, axis=1, keepdims=True))
+
+
+def test_own_coordinates_follow_along_a_bend_and_with_other_widths() -> None:
+    rng, target = np.random.default_rng(1), Bent()
+    z = begin = target.drawn(4000, rng)
+    moves = Moves(target.layout, z, rng, draws=False, follows=False)
+    terms = target.terms(z)
+    for _ in range(20):
+        z, terms = moves.sweep(target, z, terms, 1.0, rng, follow=False)
+    assert moves.rates[0] > 0.9  # 0.6 along a straight line
+    for power in (1, 2, 3):
+        error = np.std(begin**power, axis=0) / np.sqrt(len(z))
+        np.testing.assert_array_less(np.abs(np.mean(z**power, axis=0) - np.mean(begin**power, axis=0)), 6 * error)
+    assert np.abs(np.corrcoef(z[:, 0], begin[:, 0])[0, 1]) < 0.1
+    straight = Following.of(z[:100, :1], z[:100, 1:])
+    assert straight.slopes is None
+    assert len(straight.coefficients) == 2
+
+
+def test_own_coordinates_that_do_not_bend_follow_a_straight_line() -> None:
+    h, own = np.random.default_rng(1).standard_normal((2, 4000, 3))
+    found = Following.of(h, own + h)
+    assert found.slopes is None
+    np.testing.assert_allclose(found.at(h), h, atol=0.2)
+
+
+def test_a_mixture_of_fewer_places_than_parameters_has_a_component() -> None:
+    rng = np.random.default_rng(1)
+    places = rng.standard_normal((20, 30))
+    new, _ = BlockMixture.of(places, rng).step(places, np.full(20, 0.5), rng)
+    assert np.isfinite(new).all()
 
 
 class TwoModes:

@@ -29,7 +29,8 @@ class Mixture(GaussianMixture):
         white = (places - places.mean(axis=0)) / spread
         share = np.eye(count)[_clusters(white, count, rng)]
         for _ in range(STEPS if count > 1 else 1):
-            share = share[:, share.sum(axis=0) > d + 2]
+            held = share.sum(axis=0)
+            share = share[:, held > min(d + 2, 0.99 * held.max())]  # one is left, of however few places
             mixture = cls.of_shares(white, share, RIDGE * np.eye(d))
             share = np.exp(mixture.ln_shares(white))
         means = mixture.means * spread + places.mean(axis=0)
