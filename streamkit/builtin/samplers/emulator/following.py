@@ -50,12 +50,9 @@ class Following:
         """Learn from places: h (n, q), own (n, k); of few of them a straight line of constant width."""
         if not h.shape[1] or not own.shape[1]:
             return cls(np.zeros(h.shape[1]), np.ones(h.shape[1]), np.zeros((1, own.shape[1])), np.eye(own.shape[1]))
-        forms = [(1, False)]
-        if len(h) >= ENOUGH * count(h.shape[1], 2):
-            forms += [(1, True), (2, False), (2, True)]
-        half = len(h) // 2
-        if len(forms) == 1:
-            return cls._learned(h, own, *forms[0])
+        if len(h) < ENOUGH * count(h.shape[1], 2):
+            return cls._learned(h, own, degree=1, widths=False)
+        half, forms = len(h) // 2, [(1, False), (1, True), (2, False), (2, True)]
         predicted = [cls._learned(h[:half], own[:half], *form)._predicts(h[half:], own[half:]) for form in forms]
         return cls._learned(h, own, *forms[int(np.argmax(predicted))])
 
@@ -67,7 +64,7 @@ class Following:
         coefficients = np.asarray(np.linalg.lstsq(terms, own)[0])
         left = own - terms @ coefficients
         covariance = np.atleast_2d(left.T @ left) / len(left)
-        covariance[np.diag_indices_from(covariance)] *= 1 + 1e-9
+        covariance += np.diag(1e-9 * np.diag(covariance) + 1e-300)  # walkers may all be at one value, or be few
         found = cls(middle, scale, coefficients, np.asarray(np.linalg.cholesky(covariance), dtype=float))
         if not widths:
             return found
