@@ -89,7 +89,7 @@ def test_own_coordinates_follow_along_a_bend_and_with_other_widths() -> None:
     assert np.abs(np.corrcoef(z[:, 0], begin[:, 0])[0, 1]) < 0.1
     straight = Following.of(z[:100, :1], z[:100, 1:])
     assert straight.slopes is None
-    assert len(straight.coefficients) == 2
+    assert straight.degree == 1
 
 
 def test_own_coordinates_that_do_not_bend_follow_a_straight_line() -> None:

@@ -9,7 +9,7 @@ form by which one half of the places predicts the other one best.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -33,14 +33,15 @@ class Following:
     ----------
     middle, scale
         (q,) of h.
-    coefficients
-        (t, k) of the regression.
+    degree, coefficients
+        Of the regression, and its (t, k).
     root, slopes
         (k, k) L, and (q, k) those of l; None where widths do not change.
     """
 
     middle: Array
     scale: Array
+    degree: int
     coefficients: Array
     root: Array
     slopes: Array | None = None
@@ -49,7 +50,8 @@ class Following:
     def of(cls, h: Array, own: Array) -> Following:
         """Learn from places: h (n, q), own (n, k); of few of them a straight line of constant width."""
         if not h.shape[1] or not own.shape[1]:
-            return cls(np.zeros(h.shape[1]), np.ones(h.shape[1]), np.zeros((1, own.shape[1])), np.eye(own.shape[1]))
+            none, own_size = np.zeros(h.shape[1]), own.shape[1]
+            return cls(none, none + 1, 0, np.zeros((1, own_size)), np.eye(own_size))
         if len(h) < ENOUGH * count(h.shape[1], 2):
             return cls._learned(h, own, degree=1, widths=False)
         half, forms = len(h) // 2, [(1, False), (1, True), (2, False), (2, True)]
@@ -65,17 +67,16 @@ class Following:
         left = own - terms @ coefficients
         covariance = np.atleast_2d(left.T @ left) / len(left)
         covariance += np.diag(1e-9 * np.diag(covariance) + 1e-300)  # walkers may all be at one value, or be few
-        found = cls(middle, scale, coefficients, np.asarray(np.linalg.cholesky(covariance), dtype=float))
+        found = cls(middle, scale, degree, coefficients, np.asarray(np.linalg.cholesky(covariance), dtype=float))
         if not widths:
             return found
         ln = np.log(np.maximum(np.abs(np.linalg.solve(found.root, left.T).T), TINY))
         slopes = np.asarray(np.linalg.lstsq(monomials(x, 1), ln)[0])[1:]
-        return cls(middle, scale, coefficients, found.root, slopes)
+        return replace(found, slopes=slopes)
 
     def at(self, h: Array) -> Array:
         """(n, k) The middle of the own coordinates at h (n, q)."""
-        degree = 2 if len(self.coefficients) > 1 + len(self.middle) else min(len(self.coefficients) - 1, 1)
-        return np.asarray(monomials((h - self.middle) / self.scale, degree) @ self.coefficients)
+        return np.asarray(monomials((h - self.middle) / self.scale, self.degree) @ self.coefficients)
 
     def ln_widths(self, h: Array) -> Array:
         """(n, k) l at h (n, q)."""
