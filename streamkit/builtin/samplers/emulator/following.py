@@ -61,8 +61,7 @@ class Following:
     @classmethod
     def _learned(cls, h: Array, own: Array, degree: int, widths: bool) -> Following:
         middle, scale = h.mean(axis=0), np.maximum(h.std(axis=0), 1e-300)
-        x = (h - middle) / scale
-        terms = monomials(x, degree)
+        terms = monomials((h - middle) / scale, degree)
         coefficients = np.asarray(np.linalg.lstsq(terms, own)[0])
         left = own - terms @ coefficients
         covariance = np.atleast_2d(left.T @ left) / len(left)
@@ -70,32 +69,44 @@ class Following:
         found = cls(middle, scale, degree, coefficients, np.asarray(np.linalg.cholesky(covariance), dtype=float))
         if not widths:
             return found
-        ln = np.log(np.maximum(np.abs(np.linalg.solve(found.root, left.T).T), TINY))
-        slopes = np.asarray(np.linalg.lstsq(monomials(x, 1), ln)[0])[1:]
+        ln = np.log(np.maximum(np.abs(found._white(left)), TINY))
+        slopes = np.asarray(np.linalg.lstsq(terms[:, : 1 + len(middle)], ln)[0])[1:]
         return replace(found, slopes=slopes)
 
     def at(self, h: Array) -> Array:
         """(n, k) The middle of the own coordinates at h (n, q)."""
         return np.asarray(monomials((h - self.middle) / self.scale, self.degree) @ self.coefficients)
 
-    def ln_widths(self, h: Array) -> Array:
+    def left(self, h: Array, own: Array) -> Array:
+        """(n, k) The residuals of own coordinates (n, k) at h (n, q)."""
+        return self._stretched(own - self.at(h), -self._ln_widths(h))
+
+    def changed(self, h: Array, change: Array) -> Array:
+        """(n, k) What a change (n, k) of residuals changes of the own coordinates at h (n, q)."""
+        return self._stretched(change, self._ln_widths(h))
+
+    def moved(self, h: Array, new_h: Array, own: Array) -> tuple[Array, Array]:
+        """Return own coordinates (n, k) moved from h to new_h (n, q), and (n,) ln of how their volume changes."""
+        ln = self._ln_widths(new_h) - self._ln_widths(h)
+        return self.at(new_h) + self._stretched(own - self.at(h), ln), ln.sum(axis=1)
+
+    def _ln_widths(self, h: Array) -> Array:
         """(n, k) l at h (n, q)."""
         if self.slopes is None:
             return np.zeros((len(h), self.coefficients.shape[1]))
         return np.clip((h - self.middle) / self.scale @ self.slopes, -MOST, MOST)
 
-    def stretched(self, h: Array, left: Array, sign: float = 1.0) -> Array:
-        """(n, k) Residuals (n, k) as wide as they are at h (n, q); back from there with ``sign`` -1."""
-        if self.slopes is None:
-            return left
-        return np.asarray((np.linalg.solve(self.root, left.T).T * np.exp(sign * self.ln_widths(h))) @ self.root.T)
+    def _white(self, away: Array) -> Array:
+        """(n, k) L^-1 of differences (n, k)."""
+        return np.asarray(np.linalg.solve(self.root, away.T).T)
 
-    def left(self, h: Array, own: Array) -> Array:
-        """(n, k) The residuals of own coordinates (n, k) at h (n, q)."""
-        return self.stretched(h, own - self.at(h), -1.0)
+    def _stretched(self, away: Array, ln: Array) -> Array:
+        """(n, k) L exp(ln) L^-1 of differences (n, k)."""
+        return away if self.slopes is None else (self._white(away) * np.exp(ln)) @ self.root.T
 
     def _predicts(self, h: Array, own: Array) -> float:
         """Return the mean ln density of own coordinates (n, k) at h (n, q), if their residuals are Gaussian."""
-        white = np.linalg.solve(self.root, self.left(h, own).T)
-        volume = np.log(np.diag(self.root)).sum() + self.ln_widths(h).sum(axis=1).mean()
-        return float(-0.5 * np.mean(np.sum(white**2, axis=0)) - volume)
+        ln = self._ln_widths(h)
+        white = self._white(own - self.at(h)) * np.exp(-ln)
+        volume = np.log(np.diag(self.root)).sum() + ln.sum(axis=1).mean()
+        return float(-0.5 * np.mean(np.sum(white**2, axis=1)) - volume)

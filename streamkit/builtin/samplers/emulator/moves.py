@@ -133,8 +133,8 @@ class Moves:
         new = z.copy()
         new[:, self._layout.shared] = new_h = h + step
         for own, follow in zip(self._layout.own, self._follow, strict=True):
-            new[:, own] = follow.at(new_h) + follow.stretched(new_h, follow.left(h, z[:, own]))
-            correction += np.sum(follow.ln_widths(new_h) - follow.ln_widths(h), axis=1)
+            new[:, own], ln_volume = follow.moved(h, new_h, z[:, own])
+            correction += ln_volume
         others = density.terms(new)
         gain = _gain(others.total(beta), terms.total(beta)) + correction
         accepted = np.log(rng.random(len(z))) < gain
@@ -155,7 +155,7 @@ class Moves:
                 left = self._left(z, k)
                 proposed, correction[:, k] = mixture.step(left, length, rng)
                 change = proposed - left
-            new[:, own] += self._follow[k].stretched(h, change)
+            new[:, own] += self._follow[k].changed(h, change)
         others = density.terms(new)
         before = terms.prior[:, 1:] + beta * terms.ln_likelihood
         after = others.prior[:, 1:] + beta * others.ln_likelihood
