@@ -10,6 +10,7 @@ import numpy as np
 from scipy.special import log_expit
 
 from streamkit import Array, BoolArray
+from streamkit.builtin.samplers.emulator.growth import Growth
 from streamkit.builtin.samplers.emulator.kernel import Kernel
 from streamkit.builtin.samplers.emulator.polynomial import Leverage, LowRank, Polynomial, Slopes
 from streamkit.builtin.samplers.emulator.problem import Problem
@@ -57,7 +58,7 @@ class Emulator:
         (m, k) combinations of (prediction - datum) / error that change near the data, in units of their errors and that
         of the fit: what walkers follow.
     growth
-        Power of |x|^2 by which the lack of fit grows outside the points.
+        By which factor the lack of fit is larger or smaller at |x|^2 than in the mean.
     leverage, chance
         Variance of the fit over that of the points about it; (features, terms) what makes coefficients by chance of
         independent normal numbers.
@@ -72,8 +73,8 @@ class Emulator:
     secondary_degree, secondary, positive, secondary_range
         Polynomials of this degree for ln variance and the details, (terms, m + k); which details are logarithms; the
         range in which they stay.
-    typical_r2, trusted_r2
-        |x|^2 beyond which the lack of fit grows, and beyond which the fit is not trusted: a penalty brings walks back.
+    trusted_r2
+        |x|^2 beyond which the fit is not trusted: a penalty brings walks back.
     exists
         (quadratic terms,) log odds that there is a prediction.
     """
@@ -82,7 +83,7 @@ class Emulator:
     centre: Array
     whiten: Array
     basis: Polynomial | Kernel
-    growth: int
+    growth: Growth
     mean: LowRank
     directions: Array
     leverage: Leverage
@@ -97,7 +98,6 @@ class Emulator:
     secondary: LowRank
     positive: BoolArray
     secondary_range: tuple[Array, Array]
-    typical_r2: float
     trusted_r2: float
     exists: Array
 
@@ -125,10 +125,8 @@ class Emulator:
         x = (y[:, self.problem.coordinates] - self.centre) @ self.whiten
         r2 = np.sum(x**2, axis=1)
         features, few = self.basis.features(x), monomials(x, self.secondary_degree)
-        grown = np.maximum(r2 / self.typical_r2, 1.0) ** self.growth
-        fit_variance2 = (
-            self.residual_variance * self.leverage.at(features)[:, None] + self.lack_of_fit * grown[:, None]
-        )
+        by_calls, lack = self.leverage.at(features)[:, None], self.growth.at(r2)[:, None]
+        fit_variance2 = self.residual_variance * by_calls + self.lack_of_fit * lack
         used = np.isfinite(self.problem.values)
         m, errors = int(used.sum()), self.problem.errors[used]
         secondary = np.clip(self.secondary.at(few), *self.secondary_range)

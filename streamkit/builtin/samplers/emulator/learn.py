@@ -11,6 +11,7 @@ from scipy.special import expit
 
 from streamkit import Array, BoolArray, IntArray
 from streamkit.builtin.samplers.emulator.emulator import SILENCE, Emulator
+from streamkit.builtin.samplers.emulator.growth import Growth
 from streamkit.builtin.samplers.emulator.kernel import BEGINS, LEARNED_FROM, Kernel, learn_kernel
 from streamkit.builtin.samplers.emulator.pairs import ENOUGH as ENOUGH_PAIRS
 from streamkit.builtin.samplers.emulator.pairs import pairs_of
@@ -53,6 +54,8 @@ EXISTS_RIDGE, ITERATIONS, HALVINGS, SETTLED = 1e-3, 40, 20, 1e-6
 WORTH, EXACT = 1.15, 1e-3
 # Fraction of the stated noise that there is surely.
 SURELY = 0.5
+# Least factor of the variance of a Gaussian process that fits without a point lead to.
+LEAST_ERROR = 0.25
 # Standard errors by which a measured variance must exceed the stated noise before it counts as a lack of fit.
 CHANCE = 1.5
 # Least variance of a prediction, in squared errors of the data, whose logarithm is fitted.
@@ -149,7 +152,7 @@ def _fitted(problem: Problem, y: Array, answers: Answers, lnl: Array) -> Emulato
     if found is None:
         return None
     basis, fit = found
-    errors = _errors(points, fit)
+    errors = _errors(points, basis, fit)
     of_fit = np.sqrt(1 + errors.lack_of_fit + errors.residual * float(np.mean(fit.leverage[points.close])))
     degree = min(2, _highest_degree(points))
     others, positive = _forms(points.noise, answers.details[there])
@@ -161,10 +164,10 @@ def _fitted(problem: Problem, y: Array, answers: Answers, lnl: Array) -> Emulato
         centre=points.centre,
         whiten=points.whiten,
         basis=basis,
-        growth=1 + basis.degree if isinstance(basis, Polynomial) else 1,
+        growth=errors.growth,
         mean=LowRank.of(basis.of_features(fit.coefficients)),
         directions=np.eye(1) if problem.is_ln_likelihood else _directions(points, fit, of_fit),
-        leverage=basis.leverage(fit.root),
+        leverage=basis.leverage(fit.root).times(_calibrated(points, basis, fit, errors)),
         chance=basis.of_features(fit.root),
         residual_variance=errors.residual,
         correlation=errors.correlation,
@@ -176,7 +179,6 @@ def _fitted(problem: Problem, y: Array, answers: Answers, lnl: Array) -> Emulato
         secondary=LowRank.of(secondary.coefficients),
         positive=positive,
         secondary_range=(others.min(axis=0), others.max(axis=0)),
-        typical_r2=float(_quantile(r2, points.weight, 0.7)),
         trusted_r2=float(REACH * r2[points.close].max()),
         exists=log_odds(every, there.astype(float), EXISTS_RIDGE),
     )
@@ -251,20 +253,22 @@ def _left_over(points: _Points, fit: Regression) -> float:
 
 
 class _Errors(NamedTuple):
-    """Variances in squared errors of the data, (m,), correlations, and the number of pairs of calls: see `Emulator`."""
+    """Variances in squared errors of the data, (m,), their growth, and the number of pairs of calls: see `Emulator`."""
 
     residual: Array
     correlation: Array
     lack_of_fit: Array
+    growth: Growth
     unstated: Array
     stated: Array
     pairs: int
 
 
-def _errors(points: _Points, fit: Regression) -> _Errors:
+def _errors(points: _Points, basis: Polynomial | Kernel, fit: Regression) -> _Errors:
     """Measure the error of a fit, and how much of it is noise of the calls."""
     out = fit.out_without(points.pairs)[points.close]
-    residual = error_of(fit.left[points.close] * out)
+    squares = fit.left[points.close] * out
+    residual = error_of(squares)
     both = points.close[points.pairs].all(axis=1)
     apart = (points.x[points.pairs[:, 0]] != points.x[points.pairs[:, 1]]).any(axis=1)  # one call has one noise
     pairs = points.pairs[both & apart]
@@ -272,8 +276,29 @@ def _errors(points: _Points, fit: Regression) -> _Errors:
     stated = points.typical_noise
     uncertain = 2 / points.close.sum() + np.where(more > 0, 2 / max(len(pairs), 1), 0.0)
     lack_of_fit = np.maximum(residual - (stated + more) * (1 + CHANCE * np.sqrt(uncertain)), 0.0)
+    r2, wild = np.sum(points.x[points.close] ** 2, axis=1), _wild(squares)
+    excess = np.sum(np.clip(squares, -wild, wild) - points.noise[points.close] - more, axis=1)
+    growth = Growth.of(r2, excess, 1 + basis.degree if isinstance(basis, Polynomial) else 1)
     known = len(pairs) if len(pairs) >= ENOUGH_PAIRS else 0
-    return _Errors(residual, _correlation(out), lack_of_fit, more, stated, known)
+    return _Errors(residual, _correlation(out), lack_of_fit, growth, more, stated, known)
+
+
+def _calibrated(points: _Points, basis: Polynomial | Kernel, fit: Regression, errors: _Errors) -> float:
+    """Return by which factor the variance of a fit must be smaller to be the squares that fits without a point err by.
+
+    The amplitude of a Gaussian process with the highest marginal likelihood is often too large (Bachoc 2013, CSDA 66,
+    55). A polynomial has no amplitude.
+    """
+    if isinstance(basis, Polynomial):
+        return 1.0
+    squares = fit.out_without(points.pairs)[points.close] ** 2
+    wrong = np.minimum(squares, _wild(squares)) - points.noise[points.close] - errors.unstated
+    x = points.x[points.close]
+    wrong -= errors.lack_of_fit * errors.growth.at(np.sum(x**2, axis=1))[:, None]
+    said = basis.leverage(fit.root).at(basis.features(x)) / (1 - fit.leverage[points.close])
+    each = wrong.sum(axis=1)
+    most = each.mean() + CHANCE * each.std() / np.sqrt(len(each))
+    return float(np.clip(most / max(errors.residual.sum() * said.mean(), 1e-300), LEAST_ERROR, 1.0))
 
 
 def _correlation(residuals: Array) -> Array:
@@ -378,9 +403,3 @@ def _forms(noise: Array, details: Array) -> tuple[Array, BoolArray]:
     positive: BoolArray = np.asarray((details > 0).all(axis=0), dtype=bool)
     logs = np.log(np.where(positive, details, 1.0))
     return np.concatenate([np.log(np.maximum(noise, SILENT)), np.where(positive, logs, details)], axis=1), positive
-
-
-def _quantile(values: Array, weight: Array, part: float) -> float:
-    order = np.argsort(values)
-    steps = np.cumsum(weight[order])
-    return float(values[order[np.searchsorted(steps, part * steps[-1])]])

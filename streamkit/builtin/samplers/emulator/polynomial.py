@@ -111,6 +111,11 @@ class Leverage(NamedTuple):
         rest = self.prior - np.sum((features @ self.seen) ** 2, axis=1)
         return np.asarray(np.sum((features @ self.root) ** 2, axis=1) + np.maximum(rest, 0.0))
 
+    def times(self, factor: float) -> Leverage:
+        """Return the leverage of which the variance is this factor of that of this one."""
+        root = np.sqrt(factor)
+        return Leverage(root * self.root, factor * self.prior, None if self.seen is None else root * self.seen)
+
 
 @dataclass(frozen=True)
 class Polynomial:

@@ -1,0 +1,55 @@
+"""How the lack of fit grows with the distance from the middle of the calls: measured, and beyond the calls assumed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from streamkit import Array
+
+# |x|^2 below this fraction of the reference has the lack of fit at this fraction: few calls are nearer to the middle.
+INNERMOST = 0.5
+# Fraction of the calls near the data beyond which the growth is assumed.
+MEASURED = 0.95
+
+
+@dataclass(frozen=True)
+class Growth:
+    """Factors of the lack of fit by |x|^2. Their mean over the calls near the data is one.
+
+    Attributes
+    ----------
+    reference, power
+        The factor is (|x|^2 / reference)^power among the calls.
+    far, guard
+        |x|^2 beyond which few calls are, and the power beyond it.
+    """
+
+    reference: float
+    power: float
+    far: float
+    guard: float
+
+    @classmethod
+    def of(cls, r2: Array, excess: Array, guard: float) -> Growth:
+        """Measure the growth at calls with |x|^2 (n,) near the data.
+
+        ``excess`` (n,) is what a fit leaves over there beyond the noise, summed over the data. The power is that
+        between the inner and the outer half of the calls, and `guard` at most.
+        """
+        outer = r2 > np.median(r2)
+        inside, outside = (max(float(excess[half].mean()), 0.0) for half in (~outer, outer))
+        apart = np.log(r2[outer].mean() / r2[~outer].mean()) if outer.any() and r2[~outer].any() else 0.0
+        power = 0.0
+        if outside > inside and apart > 0:
+            power = min(np.log(outside / inside) / apart, guard) if inside > 0 else guard
+        typical = float(r2.mean()) or 1.0
+        mean = np.mean(np.maximum(r2 / typical, INNERMOST) ** power)
+        reference = typical * mean ** (1 / power) if power > 0 else typical
+        return cls(float(reference), float(power), float(np.quantile(r2, MEASURED)), guard)
+
+    def at(self, r2: Array) -> Array:
+        """(n,) Return the factors at |x|^2 (n,)."""
+        near = np.maximum(np.minimum(r2, self.far) / self.reference, INNERMOST) ** self.power
+        return np.asarray(near * np.maximum(r2 / self.far, 1.0) ** self.guard)
