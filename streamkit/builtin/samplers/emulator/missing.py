@@ -14,13 +14,14 @@ from streamkit.builtin.samplers.emulator.start import Known
 
 # Standard deviations that a parameter, or a principal axis, may move between rounds, and the fraction by which its
 # width may change.
-SETTLED = 0.1
+SETTLED = 0.15
 # What the noise of the calls may move of any mean or width, in standard deviations, in nine of ten cases at most. Many
 # parameters have one that is moved by chance: the standard error of each is about half of it.
 UNCERTAIN = 0.18
 NOISE = 0.5 * UNCERTAIN
-# New points of a round for each parameter, in any case, and as a fraction of all calls so far; the least of several
-# factors is larger by the last: sampling all of them costs more than so many calls of each.
+# New points of a round for each parameter, in any case, and as a fraction of all calls so far, unless a factor of
+# several is well known already; the least of several is larger by the last: sampling all of them costs more than so
+# many calls of each.
 ROUND, LEAST_ROUND, GROWTH, TIMES_OF_SEVERAL = 8, 80, 0.15, 2
 # A factor with fewer calls left than this is called no more.
 FEW = 16
@@ -62,7 +63,13 @@ def new_calls(known: Sequence[Known]) -> list[int]:
     fewest = roots * scale - made if several else np.zeros(1)
     parameters = np.array([each.factor.problem.size for each in known])
     least = np.maximum(ROUND * parameters, LEAST_ROUND) * (TIMES_OF_SEVERAL if several else 1)
-    return [int(each) for each in np.maximum(np.maximum(least, (GROWTH * made).astype(int)), fewest)]
+    more = GROWTH * made * [not (several and is_described(each)) for each in known]
+    return [int(each) for each in np.maximum(np.maximum(least, more.astype(int)), fewest)]
+
+
+def is_described(each: Known) -> bool:
+    """Whether the emulator of a factor lacks nothing, but for the noise of its calls."""
+    return (each.certificate is None or not each.certificate.faults) and each.blur < BLURRED
 
 
 def with_calls_left(known: Sequence[Known], max_calls: int) -> list[Known]:

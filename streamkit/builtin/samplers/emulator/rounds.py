@@ -19,7 +19,6 @@ import numpy as np
 from streamkit import Array, IntArray
 from streamkit.builtin.samplers.emulator.calls import Calls
 from streamkit.builtin.samplers.emulator.certificate import (
-    BLURRED,
     MOVED,
     blur_of,
     certify,
@@ -37,6 +36,7 @@ from streamkit.builtin.samplers.emulator.missing import (
     apart,
     before_a_test,
     blurred,
+    is_described,
     moved_away,
     new_calls,
     with_calls_left,
@@ -229,8 +229,7 @@ class Rounds:
 
     def _is_learned(self, each: Known, quiet: bool) -> bool:
         """Whether a factor needs no more calls where it was last called; ``quiet`` if the noise of all is small."""
-        passed = each.certificate is None or not each.certificate.faults
-        return passed and each.blur < BLURRED and (quiet or each.share < SHARE * NOISE**2) and each.taught < SETTLED
+        return is_described(each) and (quiet or each.share < SHARE * NOISE**2) and each.taught < SETTLED
 
     def _taught(self, called: Sequence[Known], before: Sequence[Emulated], samples: Array) -> None:
         """Note what the last calls of factors have changed of the posterior of samples (n, d), and where they were."""
