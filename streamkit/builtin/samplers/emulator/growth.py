@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from streamkit import Array
 
-# |x|^2 below this fraction of the reference has the lack of fit at this fraction: few calls are nearer to the middle.
+# |x|^2 below this fraction of its mean over the calls has the lack of fit at this fraction: few calls are nearer to the
+# middle.
 INNERMOST = 0.5
 # Fraction of the calls near the data beyond which the growth is assumed.
 MEASURED = 0.95
@@ -20,16 +21,19 @@ class Growth:
 
     Attributes
     ----------
-    reference, power
-        The factor is (|x|^2 / reference)^power among the calls.
+    typical, power
+        The factor is proportional to (|x|^2 / typical)^power among the calls.
     far, guard
         |x|^2 beyond which few calls are, and the power beyond it.
+    mean
+        What all of this is divided by.
     """
 
-    reference: float
+    typical: float
     power: float
     far: float
     guard: float
+    mean: float = 1.0
 
     @classmethod
     def of(cls, r2: Array, excess: Array, guard: float) -> Growth:
@@ -43,13 +47,11 @@ class Growth:
         apart = np.log(r2[outer].mean() / r2[~outer].mean()) if outer.any() and r2[~outer].any() else 0.0
         power = 0.0
         if outside > inside and apart > 0:
-            power = min(np.log(outside / inside) / apart, guard) if inside > 0 else guard
-        typical = float(r2.mean()) or 1.0
-        mean = np.mean(np.maximum(r2 / typical, INNERMOST) ** power)
-        reference = typical * mean ** (1 / power) if power > 0 else typical
-        return cls(float(reference), float(power), float(np.quantile(r2, MEASURED)), guard)
+            power = min(float(np.log(outside / inside) / apart), guard) if inside > 0 else guard
+        growth = cls(float(r2.mean()) or 1.0, power, float(np.quantile(r2, MEASURED)) or 1.0, guard)
+        return replace(growth, mean=float(growth.at(r2).mean()))
 
     def at(self, r2: Array) -> Array:
         """(n,) Return the factors at |x|^2 (n,)."""
-        near = np.maximum(np.minimum(r2, self.far) / self.reference, INNERMOST) ** self.power
-        return np.asarray(near * np.maximum(r2 / self.far, 1.0) ** self.guard)
+        among = np.maximum(np.minimum(r2, self.far) / self.typical, INNERMOST) ** self.power
+        return np.asarray(among * np.maximum(r2 / self.far, 1.0) ** self.guard / self.mean)

@@ -1,0 +1,59 @@
+"""The emulator's own error: that it is what predictions are off by, near the middle of the calls and far from it."""
+
+import numpy as np
+import pytest
+from emulated import OfToy
+from posteriors import Toy
+
+from streamkit.builtin.samplers.emulator import learn as learning
+from streamkit.builtin.samplers.emulator.calls import Calls
+from streamkit.builtin.samplers.emulator.growth import Growth
+from streamkit.builtin.samplers.emulator.space import Space
+
+
+class Kinked(Toy):
+    """Kinked: what no smooth function follows."""
+
+    box = ((-6.0, 6.0),) * 4
+    values, errors = (0.0,) * 4, (1.0,) * 4
+
+    def mean(self, theta):
+        theta = np.asarray(theta)
+        return theta + np.abs(np.roll(theta, 1, axis=0))
+
+
+@pytest.mark.parametrize(("degrees", "worth"), [((3,), np.inf), ((1, 2), 1.15)], ids=["a cubic", "a process"])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_the_own_error_is_what_new_calls_show(monkeypatch, seed, degrees, worth):
+    """By the distance from the middle of the calls: half, 30, 15 and 5 % of the places of new calls."""
+    monkeypatch.setattr(learning, "DEGREES", degrees)
+    monkeypatch.setattr(learning, "WORTH", worth)
+    problem, rng = OfToy(Kinked(), noise=0.1), np.random.default_rng(seed)
+    emulator = Calls.of(problem, Space(problem), rng.normal(size=(500, 4))).learn()
+    new = rng.normal(size=(4000, 4))
+    predicted, true = emulator.predict(new), problem.toy.mean(new.T).T
+    distance = np.sum(((new - emulator.centre) @ emulator.whiten) ** 2, axis=1)
+    shells = np.digitize(distance, np.quantile(distance, [0.5, 0.8, 0.95]))
+    for shell in range(4):
+        there = shells == shell
+        ratio = predicted.fit_variance[there].mean() / np.mean((predicted.mean - true)[there] ** 2)
+        assert 0.5 < ratio < 2.0
+
+
+def test_the_growth_is_that_of_the_calls_and_is_assumed_beyond_them():
+    r2 = np.random.default_rng(1).chisquare(8, 4000)
+    growth = Growth.of(r2, 0.3 * r2**1.5, 4)
+    assert growth.power == pytest.approx(1.5, abs=0.1)
+    assert growth.at(r2).mean() == pytest.approx(1, rel=1e-12)
+    assert growth.at(np.array([6.0]))[0] / growth.at(np.array([12.0]))[0] == pytest.approx(0.5**1.5, rel=0.1)
+    far = growth.at(np.array([1.0, 2.0, 4.0]) * growth.far)
+    np.testing.assert_allclose(far[1:] / far[:-1], 2.0**4)
+
+
+@pytest.mark.parametrize(("excess", "power"), [(np.ones(400), 0.0), (-np.ones(400), 0.0)], ids=["even", "chance"])
+def test_a_lack_of_fit_that_does_not_grow(excess, power):
+    r2 = np.random.default_rng(1).chisquare(8, 400)
+    growth = Growth.of(r2, excess, 4)
+    assert growth.power == power
+    assert np.ptp(growth.at(r2[r2 < growth.far])) == 0
+    assert Growth.of(r2, np.where(r2 > np.median(r2), 1.0, 0.0), 4).power == 4
