@@ -300,7 +300,7 @@ def test_a_chain_that_learns_for_longer_is_resumed_bit_for_bit(tmp_path, monkeyp
     for module in (learning, learner):
         monkeypatch.setattr(module, "LEARNING", (10, 20, 30, 40, 50))
     monkeypatch.setattr(learning, "LEAST_STEPS", 20)
-    monkeypatch.setattr(learning, "ACCEPTED", 0.55)
+    monkeypatch.setattr(learning, "ACCEPTED", 0.6)
     whole = ChainFile(tmp_path / "whole.h5")
     banana_run(whole, 70, "surrogate")
     assert 20 < learning_steps("surrogate", whole.samples()) < 50
