@@ -86,7 +86,7 @@ def test_calls_are_shared_by_the_noise_that_they_leave() -> None:
     ("factors", "own", "noise", "most"), [(1, 5, 0.3, 2000), (4, 4, 0.5, 4000), (12, 5, 0.3, 2000)]
 )
 def test_gaussian_factors(factors: int, own: int, noise: float, most: int) -> None:
-    """The variance that calls leave is that of one over their number: noise of 0.5 needs three times the calls of 0.3."""
+    """What calls leave uncertain is the variance of one over their number: noise of 0.5 needs three times 0.3's."""
     target = LinearFactors(factors, own=own)
     progress, calls = fit(target, noise, max_calls=most)
     assert progress.missing == ""
