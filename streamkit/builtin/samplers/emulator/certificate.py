@@ -20,6 +20,7 @@ from streamkit.builtin.samplers.emulator.density import Emulated
 from streamkit.builtin.samplers.emulator.emulator import Predictions
 from streamkit.builtin.samplers.emulator.of_target import LikelihoodOnly
 from streamkit.builtin.samplers.emulator.places import to_call
+from streamkit.builtin.samplers.emulator.points import nearest
 from streamkit.builtin.samplers.emulator.polynomial import regress
 from streamkit.builtin.samplers.emulator.problem import Problem
 
@@ -185,10 +186,12 @@ def certify(
     samples: Array,
     rng: np.random.Generator,
     chance: float = CHANCE,
+    before: Calls | None = None,
 ) -> Certificate:
     """Compare an emulator with fresh calls at samples of its posterior; samples z (n, d) are more of these.
 
-    The fraction of changes by chance that must be smaller for one to count is ``chance``.
+    The fraction of changes by chance that must be smaller for one to count is ``chance``. Calls ``before`` these, which
+    it has learned from, tell as well whether the noise of ln L varies: more calls cannot mend that.
     """
     empty = float(np.mean(~fresh.good))
     tried, fresh = len(fresh), fresh.take(fresh.good)
@@ -227,7 +230,7 @@ def certify(
             f"true minus emulated ln L is {offset:.1f} +- {spread:.1f}, where noise makes {noise_offset:.1f} +- "
             f"{noise_spread:.1f}"
         )
-    varies = _noise_varies(emulated, fresh, samples, rng)
+    varies = _noise_varies(emulated, fresh if before is None else fresh + _near(before), samples, rng)
     if varies is not None and varies.measured > max(MOVED, varies.by_chance):
         faults.append(
             "ln L is learned as a whole, and its noise varies over the posterior: its mean and the logarithm of the "
@@ -246,6 +249,12 @@ def certify(
         tried, size, worst, *trend, offset, spread, noise_offset, noise_spread, blur, empty, *weighed,
         tuple(faults),
     )  # fmt: skip
+
+
+def _near(calls: Calls) -> Calls:
+    """Return the calls near the data."""
+    good = calls.take(calls.good)
+    return good.take(nearest(good.answers.ln_likelihood, good.theta.shape[1]))
 
 
 def _noise_varies(emulated: Emulated, fresh: Calls, samples: Array, rng: np.random.Generator) -> Trend | None:

@@ -379,7 +379,7 @@ class Rounds:
         for each in known:
             mine, left = samples[:, each.factor.columns], max_calls - len(each.calls)
             fresh, trend = fresh_calls(each.emulated, each.factor.problem, mine, rng, level, left)
-            each.certificate = certify(each.emulated, fresh, trend, mine, rng, level)
+            each.certificate = certify(each.emulated, fresh, trend, mine, rng, level, each.calls)
             faults += [f"{each.factor.name}: {fault}" for fault in each.certificate.faults]
             each.calls += fresh
             trends.append(changes_by_trend(each.emulated, fresh, some[:, each.factor.columns], rng))
