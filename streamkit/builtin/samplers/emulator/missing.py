@@ -14,7 +14,7 @@ from streamkit.builtin.samplers.emulator.start import Known
 
 # Standard deviations that a parameter, or a principal axis, may move between rounds, and the fraction by which its
 # width may change.
-SETTLED = 0.12
+SETTLED = 0.1
 # What the noise of the calls may move of any mean or width, in standard deviations, in nine of ten cases at most. Many
 # parameters have one that is moved by chance: the standard error of each is about half of it.
 UNCERTAIN = 0.18
