@@ -82,15 +82,12 @@ def test_calls_are_shared_by_the_noise_that_they_leave() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("factors", "own", "noise", "most"), [(1, 5, 0.3, 2000), (4, 4, 0.5, 4000), (12, 5, 0.3, 2000)]
-)
-def test_gaussian_factors(factors: int, own: int, noise: float, most: int) -> None:
-    """What calls leave uncertain is the variance of one over their number: noise of 0.5 needs three times 0.3's."""
+@pytest.mark.parametrize(("factors", "own", "noise"), [(1, 5, 0.3), (4, 4, 0.5), (12, 5, 0.3)])
+def test_gaussian_factors(factors: int, own: int, noise: float) -> None:
     target = LinearFactors(factors, own=own)
-    progress, calls = fit(target, noise, max_calls=most)
+    progress, calls = fit(target, noise)
     assert progress.missing == ""
-    assert max(calls) < most
+    assert max(calls) < 2000
     assert_right(target, progress)
 
 
