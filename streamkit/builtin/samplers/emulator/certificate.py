@@ -230,7 +230,7 @@ def certify(
             f"true minus emulated ln L is {offset:.1f} +- {spread:.1f}, where noise makes {noise_offset:.1f} +- "
             f"{noise_spread:.1f}"
         )
-    varies = _noise_varies(emulated, fresh if before is None else fresh + _near(before), samples, rng)
+    varies = _noise_varies(emulated, fresh, before, samples, rng)
     if varies is not None and varies.measured > max(MOVED, varies.by_chance):
         faults.append(
             "ln L is learned as a whole, and its noise varies over the posterior: its mean and the logarithm of the "
@@ -257,7 +257,9 @@ def _near(calls: Calls) -> Calls:
     return good.take(nearest(good.answers.ln_likelihood, good.theta.shape[1]))
 
 
-def _noise_varies(emulated: Emulated, fresh: Calls, samples: Array, rng: np.random.Generator) -> Trend | None:
+def _noise_varies(
+    emulated: Emulated, fresh: Calls, before: Calls | None, samples: Array, rng: np.random.Generator
+) -> Trend | None:
     """Measure what half the variance of ln L changes of the posterior; None where predictions are learned.
 
     Calls give the mean of ln L. The ln of the mean likelihood is higher by half the variance, and ln L of infinitely
@@ -265,6 +267,8 @@ def _noise_varies(emulated: Emulated, fresh: Calls, samples: Array, rng: np.rand
     """
     if not isinstance(fresh.problem, LikelihoodOnly):
         return None
+    if before is not None:
+        fresh = fresh + _near(before)
     half = 0.5 * (fresh.answers.mean - emulated.emulator.predict(fresh.y).mean) ** 2
     half = np.minimum(half, OUTLIER * np.median(half) + 1e-300)
     z = fresh.z

@@ -47,11 +47,11 @@ class Errors(NamedTuple):
         uncertain = 2 / points.close.sum() + np.where(more > 0, 2 / max(len(pairs), 1), 0.0)
         lack = np.maximum(residual - (stated + more) * (1 + CHANCE * np.sqrt(uncertain)), 0.0)
         guard = 1 + basis.degree if isinstance(basis, Polynomial) else 1
-        growth = Growth.of(r2, np.sum(cut(squares) - noise - more, axis=1), guard)
+        growth = Growth.of(r2, np.sum(limited(squares) - noise - more, axis=1), guard)
         leverage = basis.leverage(fit.root)
         if isinstance(basis, Kernel):
             said = residual.sum() * leverage.at(basis.features(x)) / (1 - fit.leverage[points.close])
-            made = np.sum(cut(out**2) - noise - more - lack * growth.at(r2)[:, None], axis=1)
+            made = np.sum(limited(out**2) - noise - more - lack * growth.at(r2)[:, None], axis=1)
             leverage = leverage.times(_calibration(made, said))
         known = len(pairs) if len(pairs) >= ENOUGH else 0
         return cls(residual, _correlation(out), leverage, lack, growth, more, stated, known)
@@ -68,8 +68,8 @@ def _calibration(made: Array, said: Array) -> float:
 
 
 def _correlation(residuals: Array) -> Array:
-    """(m, m) Return the correlation of residuals (n, m), the wildest cut."""
-    some = np.sign(residuals) * np.sqrt(cut(residuals**2))
+    """(m, m) Return the correlation of residuals (n, m), the largest ones limited."""
+    some = np.sign(residuals) * np.sqrt(limited(residuals**2))
     some /= np.sqrt(np.mean(some**2, axis=0) + 1e-300)
     return np.asarray(some.T @ some / len(some))
 
@@ -87,11 +87,11 @@ def unstated(targets: Array, noise: Array) -> Array:
 
 
 def error_of(squares: Array) -> Array:
-    """(k,) Means of squares (n, k), the wildest cut."""
-    return np.asarray(cut(squares).mean(axis=0))
+    """(k,) Means of squares (n, k), the largest ones limited."""
+    return np.asarray(limited(squares).mean(axis=0))
 
 
-def cut(squares: Array) -> Array:
-    """(n, k) Squares of which the wildest are cut."""
+def limited(squares: Array) -> Array:
+    """(n, k) Squares, limited to `OUTLIER` times the typical one."""
     most = OUTLIER * np.maximum(np.median(np.abs(squares), axis=0) / 0.455, 1e-300)
     return np.asarray(np.clip(squares, -most, most))

@@ -39,8 +39,8 @@ class Growth:
     def of(cls, r2: Array, excess: Array, guard: float) -> Growth:
         """Measure the growth at calls with |x|^2 (n,) near the data.
 
-        ``excess`` (n,) is what a fit leaves over there beyond the noise, summed over the data. The power is that
-        between the inner and the outer half of the calls, and `guard` at most.
+        ``excess`` (n,) is the squared residual minus the variance of the noise there, summed over the data. The power
+        is that between the inner and the outer half of the calls, and `guard` at most.
         """
         outer = r2 > np.median(r2)
         inside, outside = (max(float(excess[half].mean()), 0.0) for half in (~outer, outer))

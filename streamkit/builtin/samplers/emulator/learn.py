@@ -1,4 +1,4 @@
-"""What calls have given becomes an emulator: weights, whitening, the choice of the polynomial, its own error."""
+"""An emulator from calls: the choice of a polynomial or a Gaussian process, and the fits that belong to it."""
 
 from __future__ import annotations
 
