@@ -1,12 +1,16 @@
 """The emulator's own error: that it is what predictions are off by, near the middle of the calls and far from it."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from emulated import OfToy
 from posteriors import Toy
+from scipy.stats import norm
 
 from streamkit.builtin.samplers.emulator import learn as learning
 from streamkit.builtin.samplers.emulator.calls import Calls
+from streamkit.builtin.samplers.emulator.certificate import BLURRED, blur_of
 from streamkit.builtin.samplers.emulator.growth import Growth
 from streamkit.builtin.samplers.emulator.space import Space
 
@@ -57,3 +61,14 @@ def test_a_lack_of_fit_that_does_not_grow(excess, power):
     assert growth.power == power
     assert np.ptp(growth.at(r2[r2 < growth.far])) == 0
     assert Growth.of(r2, np.where(r2 > np.median(r2), 1.0, 0.0), 4).power == 4
+
+
+def test_what_the_own_error_changes_is_not_decided_by_one_sample_in_a_thousand():
+    z = norm.ppf((np.arange(3000) + 0.5) / 3000)[:, None]
+
+    def blur(taken):
+        return blur_of(SimpleNamespace(change_by_error=lambda _: -taken), z)
+
+    assert blur(np.where(z[:, 0] > 0, 0.5, 0.0)) == pytest.approx(np.tanh(0.25) * np.sqrt(2 / np.pi), abs=1e-3)
+    assert blur(np.where(z[:, 0] > 3.0, 5.0, 0.0)) < 0.5 * BLURRED
+    assert blur(np.where(z[:, 0] > 1.5, 5.0, 0.0)) > BLURRED  # one in 15
