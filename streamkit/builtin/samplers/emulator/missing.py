@@ -1,4 +1,4 @@
-"""What is missing before a posterior may be tested, or given, as sentences."""
+"""What is missing before a posterior may be tested, or given, as sentences, and which factors are called for that."""
 
 from __future__ import annotations
 
@@ -19,6 +19,8 @@ SETTLED = 0.1
 # parameters have one that is moved by chance: the standard error of each is about half of it.
 UNCERTAIN = 0.18
 NOISE = 0.5 * UNCERTAIN
+# The part of `NOISE`, squared, that one of K factors may have without new calls is this divided by K.
+SHARE = 0.5
 # New points of a round for each parameter, in any case, and as a fraction of all calls so far, unless a factor of
 # several is well known already; the least of several is larger by the last: sampling all of them costs more than so
 # many calls of each.
@@ -65,6 +67,27 @@ def new_calls(known: Sequence[Known]) -> list[int]:
     least = np.maximum(ROUND * parameters, LEAST_ROUND) * (TIMES_OF_SEVERAL if several else 1)
     more = GROWTH * made * [not (several and is_described(each)) for each in known]
     return [int(each) for each in np.maximum(np.maximum(least, more.astype(int)), fewest)]
+
+
+def to_be_called(known: Sequence[Known], samples: Array, moved: float, uncertain: float, max_calls: int) -> list[Known]:
+    """Return the factors below their most calls that are not learned at samples (n, d) of the posterior.
+
+    Those that the posterior has left wait until it moves no more. If all are learned, return none as long as there were
+    too few rounds to say how far it has moved, and then those that move it; or all.
+    """
+    left, quiet = with_calls_left(known, max_calls), uncertain < UNCERTAIN
+    away = [moved_away(each, samples) if is_learned(each, quiet) else np.inf for each in left]
+    for by in (FAR, LEFT) if moved >= SETTLED else (LEFT,):
+        if wanted := [each for each, far in zip(left, away, strict=True) if far >= by]:
+            return wanted
+    if not np.isfinite(moved):
+        return []
+    return [each for each in left if each.moves >= SETTLED / np.sqrt(len(known))] or left
+
+
+def is_learned(each: Known, quiet: bool) -> bool:
+    """Whether a factor needs no more calls where it was last called; ``quiet`` if the noise of all is small."""
+    return is_described(each) and (quiet or each.share < SHARE * NOISE**2) and each.taught < SETTLED
 
 
 def is_described(each: Known) -> bool:

@@ -28,17 +28,11 @@ from streamkit.builtin.samplers.emulator.certificate import (
 from streamkit.builtin.samplers.emulator.changes import change_of, changes_of, difference, every_so_often, with_axes
 from streamkit.builtin.samplers.emulator.density import AtOnce, Emulated, Factor, Joint
 from streamkit.builtin.samplers.emulator.missing import (
-    FAR,
-    LEFT,
-    NOISE,
-    SETTLED,
-    UNCERTAIN,
     apart,
     before_a_test,
     blurred,
-    is_described,
-    moved_away,
     new_calls,
+    to_be_called,
     with_calls_left,
 )
 from streamkit.builtin.samplers.emulator.pairs import paired
@@ -61,8 +55,6 @@ ROUNDS = 2
 # Standard deviations by which the posterior that fresh calls have tested and the one that is given may differ: two sets
 # of samples differ by 0.1 by chance.
 CHANGED = 0.15
-# The part of `NOISE`, squared, that one of K factors may have without new calls is this divided by K.
-SHARE = 0.5
 # Emulators of each factor that the noise of its calls could have given as well, and the fraction of them that count.
 REDRAWN, LIKELY = 32, 0.9
 # Fraction of trends by chance that may be larger than one that counts.
@@ -166,7 +158,7 @@ class Rounds:
             if not now.missing or over:
                 return
             samples = every_so_often(result.samples, 4 * SOME)
-            wanted = self._wanted(known, now, samples, max_calls)
+            wanted = to_be_called(known, samples, now.moved, now.uncertain, max_calls)
             before = [each.emulated for each in wanted]
             self._call(known, wanted, copies, max_calls, seed)
             self._learn(known, copies)
@@ -190,18 +182,6 @@ class Rounds:
         """Return two sets of places to come to the posterior anew: those of the starts, and the last ones."""
         return [np.concatenate(pair) for pair in zip(begin_apart(known), result.last, strict=True)]
 
-    def _wanted(self, known: Sequence[Known], now: Progress, samples: Array, max_calls: int) -> list[Known]:
-        """Return the factors below their most calls that are not learned at samples (n, d); else all of those.
-
-        Those that the posterior has left wait until it moves no more.
-        """
-        left, quiet = with_calls_left(known, max_calls), now.uncertain < UNCERTAIN
-        away = [moved_away(each, samples) if self._is_learned(each, quiet) else np.inf for each in left]
-        for by in (FAR, LEFT) if now.moved >= SETTLED else (LEFT,):
-            if wanted := [each for each, moved in zip(left, away, strict=True) if moved >= by]:
-                return wanted
-        return left
-
     def _call(
         self, known: Sequence[Known], wanted: Sequence[Known], copies: Sequence[Array], max_calls: int, seed: list[int]
     ) -> None:
@@ -222,14 +202,10 @@ class Rounds:
             pairs = 0 if each.emulated.emulator.is_silent else int(PAIRED * len(places[0])) // 2
             places[0] = paired(places[0], pairs)
             chosen.append((each, np.concatenate(places)))
-        if several:
+        if several and chosen:
             self._together({each.factor.name: each.calls.space.points(z) for each, z in chosen})
         for each, z in chosen:
             each.calls += Calls.at(each.factor.problem, each.calls.space, z)
-
-    def _is_learned(self, each: Known, quiet: bool) -> bool:
-        """Whether a factor needs no more calls where it was last called; ``quiet`` if the noise of all is small."""
-        return is_described(each) and (quiet or each.share < SHARE * NOISE**2) and each.taught < SETTLED
 
     def _taught(self, called: Sequence[Known], before: Sequence[Emulated], samples: Array) -> None:
         """Note what the last calls of factors have changed of the posterior of samples (n, d), and where they were."""
@@ -276,12 +252,15 @@ class Rounds:
         return Progress(known, joint, result, moved, uncertain, missing=missing)
 
     def _moved(self, known: Sequence[Known], joint: Joint, samples: Array) -> float:
-        """Return how much the posterior has moved since `ROUNDS` rounds ago; infinite before there are so many."""
+        """Return how far the posterior has moved in `ROUNDS` rounds; infinite before. Note each factor's part."""
         if any(len(each.before) < ROUNDS for each in known):
             return np.inf
-        here, moving = joint.ln_likelihoods(samples).sum(axis=1), with_axes(samples[:, self._watched()])
+        here, moving = joint.ln_likelihoods(samples), with_axes(samples[:, self._watched()])
         olds = [Joint(self._factors, [each.before[i] for each in known]) for i in range(ROUNDS)]
-        return max(change_of(moving, old.ln_likelihoods(samples).sum(axis=1) - here) for old in olds)
+        changes = [old.ln_likelihoods(samples) - here for old in olds]
+        for k, each in enumerate(known):
+            each.moves = max(change_of(moving, change[:, k]) for change in changes)
+        return max(change_of(moving, change.sum(axis=1)) for change in changes)
 
     def _watched(self) -> IntArray:
         """Indices of the coordinates that are asked for: the shared ones; all of a single factor."""

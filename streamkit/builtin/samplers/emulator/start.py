@@ -106,6 +106,8 @@ class Known:
         (n, p) samples of the posterior when it was last called; none before.
     taught
         What its last calls have changed of these samples, see `changes.change_of`; nothing if an earlier run made them.
+    moves
+        What the calls of the last rounds have changed of the coordinates that are asked for.
     certificate
         What fresh calls say of it; None before the end.
     before
@@ -122,6 +124,7 @@ class Known:
     share: float = np.inf
     called_at: Array = field(default_factory=lambda: np.empty((0, 0)))
     taught: float = np.inf
+    moves: float = np.inf
     certificate: Certificate | None = None
     before: list[Emulated] = field(default_factory=list)
     seen: int | None = None
