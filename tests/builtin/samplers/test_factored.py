@@ -8,6 +8,7 @@ import pytest
 from joints import LinearFactors, factors_of
 from shortened import take_few_steps
 
+from streamkit.builtin.samplers.emulator import missing
 from streamkit.builtin.samplers.emulator.missing import (
     FAR,
     FEW,
@@ -79,6 +80,26 @@ def test_calls_are_shared_by_the_noise_that_they_leave() -> None:
     # The second would get 2200 more beside the 12 700 that the first needs in all; the first is doubled before that.
     assert shared([300, 3000], [30.0, 0.5]) == [600, 3450]
     assert shared([300, 3000], [30.0, 0.5], blur=0.0) == [600, 3160]  # known well: it gets the least
+
+
+def test_streams_that_are_all_learned_are_called_where_they_move_the_posterior(monkeypatch) -> None:
+    monkeypatch.setattr(missing, "moved_away", lambda each, _: each.away)
+
+    def stream(moves: float, away: float = 0.0, taught: float = 0.0, calls: int = 100) -> SimpleNamespace:
+        return SimpleNamespace(
+            certificate=None, blur=0.0, share=0.0, taught=taught, moves=moves, away=away, calls=range(calls)
+        )
+
+    def called(known: list[SimpleNamespace], moved: float) -> list[int]:
+        return [known.index(each) for each in missing.to_be_called(known, np.empty((0, 1)), moved, 0.0, 1000)]
+
+    quiet, moving = stream(0.01), stream(0.06)
+    assert called([quiet, moving, quiet, quiet], 0.2) == [1]
+    assert called([stream(0.01), stream(0.02)], 0.2) == [0, 1]  # they move it together
+    assert called([quiet, moving], np.inf) == []  # how far it moves is not known yet
+    assert called([quiet, stream(0.0, away=LEFT), stream(0.0, taught=SETTLED)], np.inf) == [2]
+    assert called([quiet, stream(0.0, away=LEFT)], 0.0) == [1]
+    assert called([stream(0.2, calls=1000), quiet], 0.2) == [1]  # no calls are left
 
 
 @pytest.mark.slow
