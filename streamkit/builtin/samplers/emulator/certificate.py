@@ -42,8 +42,8 @@ OFF, NATS, WIDER = 4.0, 0.7, 2.0
 EMPTY = 0.1
 # What the emulator's own error may change: the standard deviation of a parameter by this fraction. The error is part of
 # the likelihood, so that it widens intervals and hides nothing. A twentieth refused emulators that were right.
-# And the ln weight of one sample by so much, and the standard deviation if it changes all of it: see `blur_of`.
-BLURRED, MOST_OF_ONE, MOST_BLURRED = 0.1, 1.0, 0.5
+# And the ln weight of one sample by so much: see `blur_of`.
+BLURRED, MOST_OF_ONE = 0.1, 1.0
 # Errors of the data that count as noise in any case.
 FLOOR = 1e-3
 # Largest squared residual that counts, in units of the typical one.
@@ -326,14 +326,10 @@ def blur_of(emulated: Emulated, samples: Array) -> float:
     """Return what the emulator's own error changes, see `change_of`; each ln weight by `MOST_OF_ONE` at most.
 
     With its own error, the likelihood is the mean of what the true one may be. Without, it is the largest that the true
-    one may be: where the error takes 5 from ln L, one sample in a thousand would have a tenth of the weight. Beyond
-    `MOST_BLURRED` that counts all the same: a mode may be there of which few calls tell.
+    one may be: where the error takes 5 from ln L, one sample in a thousand would have a tenth of the weight.
     """
     some = every_so_often(samples, 3000)
     change = -emulated.change_by_error(some)
-    whole = change_of(some, change)
-    if whole >= MOST_BLURRED:
-        return whole
     return change_of(some, np.clip(change - np.median(change), -MOST_OF_ONE, MOST_OF_ONE))
 
 

@@ -72,15 +72,15 @@ def new_calls(known: Sequence[Known]) -> list[int]:
 def to_be_called(known: Sequence[Known], samples: Array, moved: float, uncertain: float, max_calls: int) -> list[Known]:
     """Return the factors below their most calls that are not learned at samples (n, d) of the posterior.
 
-    Those that the posterior has left wait until it moves no more. If all are learned, return none as long as there were
-    too few rounds to say how far it has moved, and then those that move it; or all.
+    Those that the posterior has left wait until it moves no more. If all of several are learned, return none as long as
+    there were too few rounds to say how far it has moved, and then those that move it; or all.
     """
     left, quiet = with_calls_left(known, max_calls), uncertain < UNCERTAIN
     away = [moved_away(each, samples) if is_learned(each, quiet) else np.inf for each in left]
     for by in (FAR, LEFT) if moved >= SETTLED else (LEFT,):
         if wanted := [each for each, far in zip(left, away, strict=True) if far >= by]:
             return wanted
-    if not np.isfinite(moved):
+    if len(known) > 1 and not np.isfinite(moved):  # of one stream: calls of the first rounds look for other modes
         return []
     return [each for each in left if each.moves >= SETTLED / np.sqrt(len(known))] or left
 

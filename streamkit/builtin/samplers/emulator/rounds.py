@@ -273,8 +273,7 @@ class Rounds:
         In `LIKELY` of the cases it is less. Note each factor's share.
         """
         rng = np.random.default_rng([*seed, 5])
-        # 1000 samples, weighed at random, move a width by 0.15 to 0.3 standard deviations themselves, and 4000 by 0.1
-        some = every_so_often(samples, SOME) if len(known) > 1 else samples
+        some = every_so_often(samples, SOME)
         moving = with_axes(some[:, self._watched()])
         total: Array = np.zeros((REDRAWN, 2, moving.shape[1]))
         for each in known:
