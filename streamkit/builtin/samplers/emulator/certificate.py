@@ -329,8 +329,7 @@ def blur_of(emulated: Emulated, samples: Array) -> float:
     one may be: where the error takes 5 from ln L, one sample in a thousand would have a tenth of the weight.
     """
     some = every_so_often(samples, 3000)
-    change = -emulated.change_by_error(some)
-    return change_of(some, np.clip(change - np.median(change), -MOST_OF_ONE, MOST_OF_ONE))
+    return change_of(some, -emulated.change_by_error(some), (-MOST_OF_ONE, MOST_OF_ONE))
 
 
 def _spread(values: Array) -> float:

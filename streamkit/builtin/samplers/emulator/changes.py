@@ -6,15 +6,18 @@ import numpy as np
 
 from streamkit import Array
 
+# Bounds of ln weight of a sample, from its median.
+BOUNDS = (-20.0, 5.0)
 
-def change_of(samples: Array, ln_weight: Array) -> float:
+
+def change_of(samples: Array, ln_weight: Array, bounds: tuple[float, float] = BOUNDS) -> float:
     """Return the most that weights (n,) change of samples (n, d): a mean, or a width, in standard deviations."""
-    return float(np.abs(changes_of(samples, ln_weight)).max())
+    return float(np.abs(changes_of(samples, ln_weight, bounds)).max())
 
 
-def changes_of(samples: Array, ln_weight: Array) -> Array:
+def changes_of(samples: Array, ln_weight: Array, bounds: tuple[float, float] = BOUNDS) -> Array:
     """(2, d) Return what weights (n,) change of samples (n, d): means, and widths, in standard deviations."""
-    weight = np.exp(np.clip(ln_weight - np.median(ln_weight), -20.0, 5.0))
+    weight = np.exp(np.clip(ln_weight - np.median(ln_weight), *bounds))
     weight /= weight.sum()
     mean, width = weight @ samples, np.maximum(samples.std(axis=0), 1e-300)
     moved = (mean - samples.mean(axis=0)) / width
