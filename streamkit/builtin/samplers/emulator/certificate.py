@@ -28,7 +28,7 @@ from streamkit.builtin.samplers.emulator.problem import Problem
 SIZE, ONE_SIZE = 1.5, 3.0
 # Standard deviations of a parameter that a trend of the residuals may move it, or change its width by as a fraction.
 MOVED = 0.12
-# Fraction of trends by chance alone that must be smaller for one to count, and how many are tried.
+# Fraction of trends by chance alone that must be smaller for one to count, and how many are tried at least.
 CHANCE, TRIES = 0.95, 40
 # Largest trend by chance that still tests anything: calls so noisy were certified with a width off by a half.
 BLIND = 0.3
@@ -142,15 +142,25 @@ def trend_of(
 ) -> Trend | None:
     """Measure what a trend of the residuals of fresh calls changes; None where too few of them have a prediction."""
     some = every_so_often(samples, 1000)
-    changes = changes_by_trend(emulated, fresh, some, rng)
+    changes = changes_by_trend(emulated, fresh, some, rng, _tries(chance))
     if changes is None:
         return None
     measured, *by_chance = (change_of(some, each) for each in changes)
     return Trend(measured, float(np.quantile(by_chance, chance)))
 
 
-def changes_by_trend(emulated: Emulated, fresh: Calls, some: Array, rng: np.random.Generator) -> Array | None:
-    """(1 + `TRIES`, n) Return what a linear trend of the residuals of fresh calls adds to ln L at samples (n, d).
+def _tries(chance: float) -> int:
+    """Return how many changes by chance say which fraction ``chance`` of them is smaller.
+
+    The largest of forty is exceeded by one more in forty: of thirty streams that are right, one would be refused.
+    """
+    return max(TRIES, round(1 / (1 - chance)))
+
+
+def changes_by_trend(
+    emulated: Emulated, fresh: Calls, some: Array, rng: np.random.Generator, tries: int = TRIES
+) -> Array | None:
+    """(1 + ``tries``, n) Return what a linear trend of the residuals of fresh calls adds to ln L at samples (n, d).
 
     The first row is that of the residuals as they are, the others those of residuals in another order, whose trends are
     chance. NaN where the calls do not span the parameters; None where too few of them have a prediction.
@@ -175,9 +185,9 @@ def changes_by_trend(emulated: Emulated, fresh: Calls, some: Array, rng: np.rand
         return problem.compare(theta, mean, variance, predicted.details) - base
 
     try:
-        return np.array([change(residual), *(change(rng.permutation(residual)) for _ in range(TRIES))])
+        return np.array([change(residual), *(change(rng.permutation(residual)) for _ in range(tries))])
     except LinAlgError:
-        return np.full((1 + TRIES, len(some)), np.nan)
+        return np.full((1 + tries, len(some)), np.nan)
 
 
 def certify(
@@ -317,7 +327,8 @@ def _weighed(
     """
     moving, stated = with_axes(fresh.z), fresh.answers.variance * emulated.noise
     without = fresh.problem.compare(fresh.theta, predicted.mean, np.nan_to_num(stated), predicted.details)
-    tries = np.array([changes_of(moving, _by_noise(fresh, predicted, stated, rng) - without) for _ in range(TRIES)])
+    noise = (_by_noise(fresh, predicted, stated, rng) - without for _ in range(_tries(chance)))
+    tries = np.array([changes_of(moving, each) for each in noise])
     away = np.abs(np.array([changes_of(moving, true), *tries]) - tries.mean(axis=0)).max(axis=(1, 2))
     return Trend(float(away[0]), float(np.quantile(away[1:], chance)))
 
