@@ -10,7 +10,9 @@ from scipy.stats import norm
 
 from streamkit.builtin.samplers.emulator import learn as learning
 from streamkit.builtin.samplers.emulator.calls import Calls
-from streamkit.builtin.samplers.emulator.certificate import BLURRED, blur_of
+from streamkit.builtin.samplers.emulator.certificate import BLURRED, blur_of, changes_by_trend, trend_of
+from streamkit.builtin.samplers.emulator.changes import change_of
+from streamkit.builtin.samplers.emulator.density import Emulated
 from streamkit.builtin.samplers.emulator.growth import Growth
 from streamkit.builtin.samplers.emulator.space import Space
 
@@ -72,3 +74,15 @@ def test_what_the_own_error_changes_is_not_decided_by_one_sample_in_a_thousand()
     assert blur(np.where(z[:, 0] > 0, 0.5, 0.0)) == pytest.approx(np.tanh(0.25) * np.sqrt(2 / np.pi), abs=1e-3)
     assert blur(np.where(z[:, 0] > 3.1, 4.0, 0.0)) < 0.5 * BLURRED  # one in a thousand
     assert blur(np.where(z[:, 0] > 1.5, 5.0, 0.0)) > BLURRED  # one in 15
+
+
+def test_the_level_of_many_streams_is_kept():
+    """Of thirty streams each has a level of 0.998: so many trends by chance are smaller, and not 39 of 40."""
+    problem, rng = OfToy(Kinked(), noise=1.0), np.random.default_rng(5)
+    space = Space(problem)
+    emulated = Emulated(space, Calls.of(problem, space, rng.normal(size=(400, 4))).learn(), noise=False)
+    fresh, samples = Calls.of(problem, space, rng.normal(size=(128, 4))), rng.normal(size=(1000, 4))
+    tries = changes_by_trend(emulated, fresh, samples, rng, 2000)[1:]
+    by_chance = np.array([change_of(samples, each) for each in tries])
+    levels = [trend_of(emulated, fresh, samples, rng, 1 - 0.05 / 30).by_chance for _ in range(5)]
+    assert np.mean([np.mean(by_chance > level) for level in levels]) < 0.006
