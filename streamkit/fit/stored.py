@@ -36,7 +36,7 @@ class StoredRun:
         resumes: bool,
     ) -> None:
         digest, sampler = spec.digest(), spec.sampler
-        self._directory, self._factors = directory, factors
+        self._directory, self._spec, self._factors = directory, spec, factors
         self._notes = {"quick": quick, "digest": digest}
         self._weighted: sample.Weighted | None = None
         self._before: sample.Weighted | None = None  # the samples that a resumed run begins with
@@ -70,9 +70,11 @@ class StoredRun:
         storages = dict(self.storage.factors)
         begun = any(len(each.evaluations) or len(each.earlier) for each in storages.values())
         if directory is not None:
-            if not storages:
-                raise SpecError("reuse: serves run files of several streams and the sampler emulator only")
-            taken = sample.take_earlier(self._factors, storages, directory, load_spec(directory))
+            if not self._spec.sampler.emulates:
+                raise SpecError("reuse: serves the sampler emulator only")
+            factors = self._factors or [sample.whole_posterior(self._spec)]
+            storages = storages or {factors[0].name: self.storage}
+            taken = sample.take_earlier(factors, storages, directory, load_spec(directory))
             LOG.info("%s: %s", directory, ", ".join(f"{count} calls of {name}" for name, count in taken.items()))
         elif len(self.storage.evaluations) and storages and not begun:
             for each in self._factors:

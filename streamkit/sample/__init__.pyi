@@ -21,6 +21,7 @@ from .evaluation import blob_dtype as blob_dtype
 from .factors import FactorPosterior as FactorPosterior
 from .factors import factor_posteriors as factor_posteriors
 from .factors import factor_targets as factor_targets
+from .factors import whole_posterior as whole_posterior
 from .factors import worker_posteriors as worker_posteriors
 from .progress import SamplingProgress as SamplingProgress
 from .sampling import run_sampler as run_sampler

@@ -17,7 +17,7 @@ import numpy as np
 
 from streamkit.runfile import DATA, ONLY, Spec
 from streamkit.sample.evaluation import Evaluation
-from streamkit.sample.factors import FactorPosterior, part_posteriors
+from streamkit.sample.factors import FactorPosterior, part_posteriors, whole_posterior
 from streamkit.sample.store.evaluation_cache import EvaluationCache
 from streamkit.sample.store.storage import Storage
 from streamkit.stream import Array
@@ -32,10 +32,13 @@ def take_earlier(
 ) -> dict[str, int]:
     """Add the calls of a run in a directory, by its spec, to those of the factors; return how many serve each.
 
+    A run of one stream is one factor, with the data of the host: its calls serve another run of one stream.
+
     Raises ChainError for calls that cannot be read.
     """
     taken = {}
-    there = {each.name: each for each in part_posteriors(spec)}
+    one = len(factors) == len(factors[0].full.spec.factors) == len(spec.factors) == 1
+    there = {each.name: each for each in ([whole_posterior(spec)] if one else part_posteriors(spec))}
     joint = _joint_calls(directory, spec)
     for each in factors:
         earlier, other = storages[each.name].earlier, there.get(each.name)
@@ -45,7 +48,7 @@ def take_earlier(
         calls = other.storage(directory)
         found = {**calls.earlier.all(), **calls.evaluations.all()}
         same = other.full.spec.digest(sampler=False) == each.full.spec.digest(sampler=False)
-        if same and joint is not None:
+        if joint is not None and (same or one):
             found = {**part_of_joint(joint, list(there.values()), other), **found}
         if not same and not _same_predictions(each, found):
             LOG.warning("%s: the calls of %s are of another model, and do not serve", directory, each.name)

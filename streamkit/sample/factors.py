@@ -61,6 +61,12 @@ def factor_posteriors(spec: Spec, small: Spec) -> tuple[FactorPosterior, ...]:
     return tuple(_posterior(factor, spec, small) for factor in spec.factors)
 
 
+def whole_posterior(spec: Spec) -> FactorPosterior:
+    """Return the only factor of a run file of one stream: it has the data of the host too."""
+    full = Posterior(spec, emulated=True)
+    return FactorPosterior(spec.factors[0], full, full)
+
+
 def part_posteriors(spec: Spec) -> tuple[FactorPosterior, ...]:
     """Return each stream of a run file, of one or of several, and the data of the host, as posteriors of their own."""
     return tuple(_posterior(part, spec, spec) for part in spec.parts)

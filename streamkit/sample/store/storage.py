@@ -87,7 +87,7 @@ def calls_storage(
     if directory is None:
         return Storage()
     calls, small_calls, earlier = calls_files(factor)
-    paths = directory / calls, directory / small_calls if small else None, directory / earlier if factor else None
+    paths = directory / calls, directory / small_calls if small else None, directory / earlier
     full, few, before = (EvaluationCache(path, digest, d, values) for path in paths)
     return Storage(full, few, before)
 

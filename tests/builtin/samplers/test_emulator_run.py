@@ -8,6 +8,7 @@ from shortened import take_few_steps
 import streamkit as sk
 from streamkit.fit import describe_status, read_status
 from streamkit.fit.show.figures import traces
+from streamkit.sample import calls_in
 
 EMULATED = FIT | {"sampler": {"kind": "emulator", "start_particles": 50, "starts": 1, "max_calls": 1200}}
 
@@ -89,3 +90,30 @@ def test_the_traces_of_an_emulated_run_are_its_history(run):
     (line,) = {tuple(axes.lines[-1].get_xdata()) for axes in figure.axes[:1]}
     passed = [each["calls"] for each in stages(run[1]) if each["level"] == "fine"]
     assert list(line) == passed
+
+
+def changed(run, value, tmp_path):
+    """The run with another distance, or another model, after its calls."""
+    spec = run[1].spec.with_values(value)
+    return sk.run(spec, out=tmp_path / "new", progress=False, products=False, reuse=run[0])
+
+
+def test_calls_are_compared_with_changed_data(run, tmp_path):
+    """Only fresh calls are new. A distance larger by an error moves the apocentre, and so what is fitted."""
+    results = changed(run, {"observable.distance": FIT["observable"]["distance"] | {"distance": [25.6, 25.5]}}, tmp_path)
+    assert "ended by its own rule" in results.note()
+    assert calls_in(tmp_path / "new" / "earlier_calls.journal") == run[1].calls
+    assert results.calls < run[1].calls
+    posterior, draws = sk.Posterior(results.spec, emulated=True), results.draws.blobs.reshape(-1)
+    for i in range(0, len(results.samples), 100):
+        assert draws["ln_likelihood"][i] == pytest.approx(posterior.evaluate(results.samples[i]).ln_likelihood, abs=2)
+    again = sk.run(results.spec, out=tmp_path / "new", progress=False, products=False, resume=True)
+    np.testing.assert_array_equal(again.samples, results.samples)
+
+
+def test_calls_of_another_model_or_for_another_sampler_do_not_serve(run, tmp_path, caplog):
+    results = changed(run, {"stripping.sigma": 12.0, "sampler.max_calls": 60}, tmp_path)
+    assert results.calls >= 50
+    assert "are of another model" in caplog.text
+    with pytest.raises(sk.SpecError, match="reuse: serves the sampler emulator only"):
+        sk.run(FIT, progress=False, products=False, reuse=run[0])

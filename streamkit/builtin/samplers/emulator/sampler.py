@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -94,7 +95,7 @@ def _factors(target: Target) -> list[Factor]:
     if len(target.factors) > 1:
         return [Factor(each.name, *_problems(each.target), each.shared, each.own, each.target.earlier)
                 for each in target.factors]  # fmt: skip
-    return [one_factor(*_problems(target))]
+    return [replace(one_factor(*_problems(target)), earlier=target.earlier)]
 
 
 def _problems(target: Target) -> tuple[Problem, Problem]:
