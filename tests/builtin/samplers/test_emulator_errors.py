@@ -1,19 +1,21 @@
-"""The emulator's own error: that it is what predictions are off by, near the middle of the calls and far from it."""
+"""The emulator's own error, what changes by chance, and what the emulator has given up though it is not sure there."""
 
+import re
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from emulated import OfToy
-from posteriors import Toy
+from posteriors import Toy, TwoModes
 from scipy.stats import norm
 
 from streamkit.builtin.samplers.emulator import learn as learning
 from streamkit.builtin.samplers.emulator.calls import Calls
 from streamkit.builtin.samplers.emulator.certificate import BLURRED, blur_of, changes_by_trend, trend_of
-from streamkit.builtin.samplers.emulator.changes import change_of
+from streamkit.builtin.samplers.emulator.changes import change_of, real_change_of
 from streamkit.builtin.samplers.emulator.density import Emulated
 from streamkit.builtin.samplers.emulator.growth import Growth
+from streamkit.builtin.samplers.emulator.remembered import given_up
 from streamkit.builtin.samplers.emulator.space import Space
 
 
@@ -86,3 +88,35 @@ def test_the_level_of_many_streams_is_kept():
     by_chance = np.array([change_of(samples, each) for each in tries])
     levels = [trend_of(emulated, fresh, samples, rng, 1 - 0.05 / 30).by_chance for _ in range(5)]
     assert np.mean([np.mean(by_chance > level) for level in levels]) < 0.006
+
+
+def test_what_weights_change_by_chance_is_no_change():
+    """Of ln weights that spread by 1.5 and follow no coordinate; and of those that follow one as well, by 0.3 sd."""
+    rng, found = np.random.default_rng(4), []
+    for _ in range(20):
+        samples, loose = rng.normal(size=(1000, 12)), 1.5 * rng.normal(size=1000)
+        tilted = loose + 0.3 * samples[:, 0]
+        found.append([change_of(samples, loose), *(real_change_of(samples, each, rng) for each in (loose, tilted))])
+    by_chance, real, by_tilt = np.mean(found, axis=0)
+    assert real < 0.5 * by_chance
+    assert by_tilt == pytest.approx(0.3, abs=0.06)
+    assert real_change_of(samples, 0.3 * samples[:, 0], rng) == pytest.approx(0.3, abs=0.04)
+
+
+@pytest.mark.parametrize(("learned", "found"), [(1.0, 0.5), (-9.0, 0.0)], ids=["in one mode", "in both"])
+def test_places_of_a_start_where_the_emulator_is_unsure_are_called(learned, found):
+    """Two equal modes at x = -2.2 and 1.9; calls beyond x = 1 know one of them, and nothing of the other."""
+    problem, rng = OfToy(TwoModes()), np.random.default_rng(1)
+    space = Space(problem)
+    theta = rng.uniform([-3.0, -1.0, -1.5, -1.0], [3.0, 1.5, 1.5, 2.0], size=(6000, 4))
+    lnl = problem.compare(theta, problem.toy.mean(theta.T).T, np.zeros((6000, 4)), None)
+    theta = theta[np.log(rng.random(6000)) < lnl - lnl.max()]
+    start = Calls.of(problem, space, theta[:400])
+    known = Calls.of(problem, space, theta[:400][theta[:400, 0] > learned])
+    as_one = [Emulated(space, each.learn(), noise=False) for each in (start, known)]
+    state = SimpleNamespace(factor=SimpleNamespace(problem=problem), calls=known, emulated=as_one[1],
+                            starts=[SimpleNamespace(places=space.normal(theta), emulated=as_one[0])])  # fmt: skip
+    said = given_up(state, rng)
+    assert (len(state.calls) > len(known)) == bool(found)
+    share = float(re.search(r"find (\d+) %", said)[1]) / 100 if said else 0.0
+    assert share == pytest.approx(found, abs=0.15)

@@ -8,11 +8,28 @@ from streamkit import Array
 
 # Bounds of ln weight of a sample, from its median.
 BOUNDS = (-20.0, 5.0)
+# How often weights are put in another order, and the most of what they change then that is taken for chance: where it
+# is more, the samples are too few to say.
+ORDERS, MOST_BY_CHANCE = 8, 0.15
 
 
 def change_of(samples: Array, ln_weight: Array, bounds: tuple[float, float] = BOUNDS) -> float:
     """Return the most that weights (n,) change of samples (n, d): a mean, or a width, in standard deviations."""
     return float(np.abs(changes_of(samples, ln_weight, bounds)).max())
+
+
+def real_change_of(samples: Array, ln_weight: Array, rng: np.random.Generator) -> float:
+    """Return the same without what the weights would change if they had nothing to do with the samples.
+
+    In many dimensions a few samples have most of the weight, and of these one coordinate or another is off by chance.
+    """
+    others = [change_of(samples, rng.permutation(ln_weight)) for _ in range(ORDERS)]
+    return beyond_chance(change_of(samples, ln_weight), float(np.sqrt(np.mean(np.square(others)))))
+
+
+def beyond_chance(measured: float, by_chance: float) -> float:
+    """Return what is left of a change without that by chance, which adds to it in squares."""
+    return float(np.sqrt(max(measured**2 - min(by_chance, MOST_BY_CHANCE) ** 2, 0.0)))
 
 
 def changes_of(samples: Array, ln_weight: Array, bounds: tuple[float, float] = BOUNDS) -> Array:

@@ -167,6 +167,18 @@ class Emulated:
         """Return the likelihood in which the emulator's own error may add any amount to ln L."""
         return replace(self, most_by_error=np.inf)
 
+    def at_best(self, z: Array, sigmas: float) -> Array:
+        """(n,) ln likelihood at z (n, d) if all predictions are nearer to the data by so many of their own errors."""
+        y = self.space.learned(z)
+        predicted, problem = self.emulator.predict(y, with_noise=False), self.emulator.problem
+        own = sigmas * np.sqrt(predicted.fit_variance)
+        away = predicted.mean - problem.values
+        mean = problem.values + np.sign(away) * np.maximum(np.abs(away) - own, 0.0)
+        if problem.is_ln_likelihood:
+            mean = predicted.mean + own
+        theta = self.space.parameters(y)
+        return problem.compare(theta, mean, 0.0 * own, predicted.details) + predicted.ln_exists
+
     def change_by_error(self, z: Array) -> Array:
         """(n,) What the emulator's own error changes of ln likelihood at z (n, d)."""
         return self.ln_likelihood(z) - self.ln_likelihood(z, fit_error=False)

@@ -50,10 +50,8 @@ SWEEPS_FOR_WIDTHS = 800
 # Samples of a population that the next walk may begin from.
 LAST = 512
 # In a round, from where the last one ended: walkers, sweeps until moves are fixed and after, sweeps of a tempered copy.
-ROUND_WALKERS, ROUND_SETTLING, ROUND_SWEEPS, TEMPERED = 128, 10, 20, 10
-# Sweeps of a round of several streams, in units of that of one. They take seconds. A needless round, as what moves and
-# is uncertain was measured by few independent samples, takes minutes.
-LONGER_OF_SEVERAL = 3
+# Sweeps take seconds, and a needless round, as few independent samples measured what moves, takes minutes.
+ROUND_WALKERS, ROUND_SETTLING, ROUND_SWEEPS, TEMPERED = 128, 10, 60, 10
 
 
 class Asked(NamedTuple):
@@ -298,8 +296,8 @@ def go_on(density: Density, begin: Array, seed: list[int]) -> Populations:
     """Walk shortly from where two populations (2, w, d) ended, with another density that is nearly the same."""
     one, other = (Population(density, places, np.random.default_rng([*seed, i])) for i, places in enumerate(begin))
     both = one.at(ROUND_WALKERS, 1.0).joined(other.at(ROUND_WALKERS, 1.0), ROUND_WALKERS).settle(ROUND_SETTLING)
-    moves, sweeps = both.moves(), ROUND_SWEEPS * (LONGER_OF_SEVERAL if both.layout.several else 1)
-    return _judged(both, moves, [both.walk(sweeps, moves)], GIVEN)
+    moves = both.moves()
+    return _judged(both, moves, [both.walk(ROUND_SWEEPS, moves)], GIVEN)
 
 
 def tempered(density: Density, begin: Array, beta: float, seed: list[int]) -> Array:

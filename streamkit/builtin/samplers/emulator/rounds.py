@@ -25,7 +25,15 @@ from streamkit.builtin.samplers.emulator.certificate import (
     changes_by_trend,
     fresh_calls,
 )
-from streamkit.builtin.samplers.emulator.changes import change_of, changes_of, difference, every_so_often, with_axes
+from streamkit.builtin.samplers.emulator.changes import (
+    beyond_chance,
+    change_of,
+    changes_of,
+    difference,
+    every_so_often,
+    real_change_of,
+    with_axes,
+)
 from streamkit.builtin.samplers.emulator.density import AtOnce, Emulated, Factor, Joint
 from streamkit.builtin.samplers.emulator.missing import (
     apart,
@@ -40,6 +48,7 @@ from streamkit.builtin.samplers.emulator.places import least_known, to_call
 from streamkit.builtin.samplers.emulator.populations import TESTED, Populations, go_on, sample, tempered
 from streamkit.builtin.samplers.emulator.reach import leading
 from streamkit.builtin.samplers.emulator.recall import Recall, recall
+from streamkit.builtin.samplers.emulator.remembered import given_up
 from streamkit.builtin.samplers.emulator.start import SOME, Known, Starter, begin_apart, own_error_of
 
 # Inverse temperatures of the copies that new points come from, and the share of each. Tempered ones see regions where
@@ -56,7 +65,8 @@ ROUNDS = 2
 # of samples differ by 0.1 by chance.
 CHANGED = 0.15
 # Emulators of each factor that the noise of its calls could have given as well, and the fraction of them that count.
-REDRAWN, LIKELY = 32, 0.9
+# All samples are looked at where there are few factors: of many that takes a minute a round.
+REDRAWN, LIKELY, FEW_FACTORS = 32, 0.9, 4
 # Fraction of trends by chance that may be larger than one that counts.
 LEVEL = 0.05
 # Starts that must lead to all of the posterior, and how many are made for that at most.
@@ -211,7 +221,8 @@ class Rounds:
         """Note what the last calls of factors have changed of the posterior of samples (n, d), and where they were."""
         for each, emulated in zip(called, before, strict=True):
             each.called_at = mine = samples[:, each.factor.columns]
-            each.taught = change_of(with_axes(mine), each.emulated.ln_likelihood(mine) - emulated.ln_likelihood(mine))
+            change = each.emulated.ln_likelihood(mine) - emulated.ln_likelihood(mine)
+            each.taught = real_change_of(with_axes(mine), change, np.random.default_rng([self._seed, 16]))
 
     def _learn(self, known: Sequence[Known], copies: Sequence[Array]) -> None:
         """Learn every factor from its calls: those at likely places count, by its ln L and what the others say of h."""
@@ -240,7 +251,7 @@ class Rounds:
     def _measured(self, known: Sequence[Known], joint: Joint, result: Populations, seed: list[int]) -> Progress:
         """Return how far the posterior has moved, what is uncertain, and what is missing before a test."""
         samples = every_so_often(result.samples, 4 * SOME)
-        moved, uncertain = self._moved(known, joint, samples), self._uncertain(known, joint, samples, seed)
+        moved, uncertain = self._moved(known, joint, samples, seed), self._uncertain(known, joint, samples, seed)
         for each in known:
             mine = samples[:, each.factor.columns]
             each.own_error = own_error_of(each.emulated.unlimited(), mine)
@@ -251,16 +262,17 @@ class Rounds:
         self._note(f"calls: {rows}; moved {moved:.2f} sd, uncertain by {uncertain:.2f} sd; {missing or 'tested now'}")
         return Progress(known, joint, result, moved, uncertain, missing=missing)
 
-    def _moved(self, known: Sequence[Known], joint: Joint, samples: Array) -> float:
+    def _moved(self, known: Sequence[Known], joint: Joint, samples: Array, seed: list[int]) -> float:
         """Return how far the posterior has moved in `ROUNDS` rounds; infinite before. Note each factor's part."""
         if any(len(each.before) < ROUNDS for each in known):
             return np.inf
         here, moving = joint.ln_likelihoods(samples), with_axes(samples[:, self._watched()])
+        rng = np.random.default_rng([*seed, 10])
         olds = [Joint(self._factors, [each.before[i] for each in known]) for i in range(ROUNDS)]
         changes = [old.ln_likelihoods(samples) - here for old in olds]
         for k, each in enumerate(known):
-            each.moves = max(change_of(moving, change[:, k]) for change in changes)
-        return max(change_of(moving, change.sum(axis=1)) for change in changes)
+            each.moves = max(real_change_of(moving, change[:, k], rng) for change in changes)
+        return max(real_change_of(moving, change.sum(axis=1), rng) for change in changes)
 
     def _watched(self) -> IntArray:
         """Indices of the coordinates that are asked for: the shared ones; all of a single factor."""
@@ -270,20 +282,24 @@ class Rounds:
     def _uncertain(self, known: Sequence[Known], joint: Joint, samples: Array, seed: list[int]) -> float:
         """Return what the noise of all calls moves of any mean or width at most, in standard deviations.
 
-        In `LIKELY` of the cases it is less. Note each factor's share.
+        In `LIKELY` of the cases it is less. What weights in another order move is chance, see `real_change_of`. Note
+        each factor's share.
         """
         rng = np.random.default_rng([*seed, 5])
-        some = every_so_often(samples, SOME)
+        some = samples if len(known) <= FEW_FACTORS else every_so_often(samples, SOME)
         moving = with_axes(some[:, self._watched()])
-        total: Array = np.zeros((REDRAWN, 2, moving.shape[1]))
+        total, by_chance = np.zeros((2, REDRAWN, 2, moving.shape[1]))
         for each in known:
             mine = some[:, each.factor.columns]
             here = each.emulated.ln_likelihood(mine)
-            others = (each.emulated.redrawn(rng).ln_likelihood(mine) - here for _ in range(REDRAWN))
+            others = [each.emulated.redrawn(rng).ln_likelihood(mine) - here for _ in range(REDRAWN)]
             changes = np.array([changes_of(moving, change) for change in others])
-            each.share = len(known) * float(np.mean(changes**2, axis=0).max())
-            total += changes
-        return float(np.quantile(np.abs(total).max(axis=(1, 2)), LIKELY))
+            shuffled = np.array([changes_of(moving, rng.permutation(change)) for change in others])
+            left = np.mean(changes**2, axis=0).max() - np.mean(shuffled**2, axis=0).max()
+            each.share = len(known) * max(float(left), 0.0)
+            total, by_chance = total + changes, by_chance + shuffled
+        measured, chance = (float(np.quantile(np.abs(one).max(axis=(1, 2)), LIKELY)) for one in (total, by_chance))
+        return beyond_chance(measured, chance)
 
     def _is_over(self, known: Sequence[Known], max_calls: int) -> bool:
         return not with_calls_left(known, max_calls) or self._factors[0].problem.time_left() <= 0
@@ -327,7 +343,7 @@ class Rounds:
         return sample(now.joint, list(copies[-1]), seed, COPIES[-1][0], asked=TESTED)
 
     def _unseen(self, known: Sequence[Known], result: Populations, seed: list[int]) -> str:
-        """Say whether too few starts lead to all of the posterior, and make another one then.
+        """Say whether too few starts lead to all of the posterior, and make another one then; or what they give up.
 
         A stream of several is not asked: its start alone need not have been where all of them together are.
         """
@@ -339,6 +355,8 @@ class Rounds:
             alone, made = Joint([each.factor.alone], [each.emulated]), len(each.starts)
             each.seen = seen = leading(each.starts, alone, mine, seed)
             if seen >= wanted:
+                if fault := given_up(each, np.random.default_rng([*seed, 0])):
+                    return fault
                 continue
             if made < MOST_STARTS:
                 self._note(f"{each.factor.name}: {seen} of {made} starts lead to all of the posterior: another one")
