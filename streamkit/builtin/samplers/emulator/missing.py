@@ -17,7 +17,7 @@ from streamkit.builtin.samplers.emulator.start import Known
 SETTLED = 0.1
 # What the noise of the calls may move of any mean or width, in standard deviations, in nine of ten cases at most. Many
 # parameters have one that is moved by chance: the standard error of each is about half of it.
-UNCERTAIN = 0.18
+UNCERTAIN = 0.15
 NOISE = 0.5 * UNCERTAIN
 # The part of `NOISE`, squared, that one of K factors may have without new calls is this divided by K.
 SHARE = 0.5
