@@ -10,14 +10,13 @@ from __future__ import annotations
 import numpy as np
 
 from streamkit.builtin.samplers.emulator.calls import Calls
+from streamkit.builtin.samplers.emulator.recall import CALLS, MISSING
 from streamkit.builtin.samplers.emulator.start import Known
 
 # Standard deviations of the own error by which the predictions may be nearer to the data, and nats that this must add.
 SIGMAS, UNSURE = 2.0, 3.0
 # Nats below the best call, beyond which a place is of no account.
 FAR = 20.0
-# Calls at a time, and the largest part of the posterior that may be missing.
-CALLS, MISSING = 32, 0.05
 
 
 def given_up(known: Known, rng: np.random.Generator) -> str:
