@@ -9,11 +9,12 @@ from streamkit.sample.calls import search
 SEARCH = {"PARTS": 64, "ENOUGH": 1, "SWEEPS": 1}
 WHOLE_SEARCH = {name: getattr(search, name) for name in SEARCH}
 # The emulator walks with fewer walkers and less far to its answer.
-WALKS = {"WALKERS": 250, "LEAST_WALKERS": 200, "FIRST": 40}
+WALKS = {"WALKERS": 250, "LEAST_WALKERS": 200, "FIRST": 40, "FIRST_OF_SEVERAL": 16}
 # It walks as far as a few samples need, which are taken for many.
 STEPS = {
     "WALKERS": 100, "LEAST_WALKERS": 60, "STAGE": 3, "STAGE_OF_SEVERAL": 2, "FIRST": 15, "R_HAT": 1.5,
     "ROUND_WALKERS": 64, "ROUND_SETTLING": 5, "ROUND_SWEEPS": 10, "TEMPERED": 5,
+    "FIRST_OF_SEVERAL": 6, "OF_EACH": 3, "ROUND_SWEEPS_OF_SEVERAL": 4,
 }  # fmt: skip
 FEW = populations.Asked(times=0.5, independent=50, width_error=1.0, least=1.0)
 

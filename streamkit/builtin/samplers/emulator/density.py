@@ -89,6 +89,12 @@ class Terms(NamedTuple):
         return Terms(*(np.where(rows, new, old) for old, new in zip(self, other, strict=True)))
 
 
+def gain(after: Array, before: Array) -> Array:
+    """Return differences of ln densities; those of walkers that are nowhere yet are infinite."""
+    with np.errstate(invalid="ignore"):
+        return np.where(np.isneginf(before), np.where(np.isneginf(after), -np.inf, np.inf), after - before)
+
+
 class Tangent(NamedTuple):
     """What the data of one factor say at n places, and how it changes there.
 

@@ -85,10 +85,12 @@ class Following:
         """(n, k) What a change (n, k) of residuals changes of the own coordinates at h (n, q)."""
         return self._stretched(change, self._ln_widths(h))
 
-    def moved(self, h: Array, new_h: Array, own: Array) -> tuple[Array, Array]:
-        """Return own coordinates (n, k) moved from h to new_h (n, q), and (n,) ln of how their volume changes."""
-        ln = self._ln_widths(new_h) - self._ln_widths(h)
-        return self.at(new_h) + self._stretched(own - self.at(h), ln), ln.sum(axis=1)
+    def placed(self, h: Array, residuals: Array) -> tuple[Array, Array]:
+        """Return the own coordinates (n, N, k) at h (n, q) of residuals (n, N, k), and ln |ds / du| there (n,)."""
+        n, count, k = residuals.shape
+        ln = self._ln_widths(h)
+        stretched = self._stretched(residuals.reshape(n * count, k), np.repeat(ln, count, axis=0))
+        return self.at(h)[:, None] + stretched.reshape(n, count, k), ln.sum(axis=1)
 
     def _ln_widths(self, h: Array) -> Array:
         """(n, k) l at h (n, q)."""

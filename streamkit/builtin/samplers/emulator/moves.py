@@ -1,9 +1,9 @@
 """The moves of a population: by a Gaussian mixture of it, by differences of it, and along the posterior's surface.
 
 A posterior with several modes is locally Gaussian, which the mixture follows. Differential evolution (ter Braak & Vrugt
-2008, without its snooker move) reaches where the mixture is wrong. Both move the shared coordinates, and then those of
-each factor, which the others do not depend on: each factor accepts for itself. The third kind moves all coordinates,
-along a sheet that is thin and bent, see `geodesic`.
+2008, without its snooker move) reaches where the mixture is wrong. Both move the shared coordinates, see
+`particle_gibbs`, and then those of each factor, which the others do not depend on: each factor accepts for itself. The
+third kind moves all coordinates, along a sheet that is thin and bent, see `geodesic`.
 """
 
 from __future__ import annotations
@@ -11,10 +11,11 @@ from __future__ import annotations
 import numpy as np
 
 from streamkit import Array
-from streamkit.builtin.samplers.emulator.density import Density, Layout, Terms
+from streamkit.builtin.samplers.emulator.density import Density, Layout, Terms, gain
 from streamkit.builtin.samplers.emulator.following import Following
 from streamkit.builtin.samplers.emulator.geodesic import Surface, trajectory
 from streamkit.builtin.samplers.emulator.mixture import Mixture
+from streamkit.builtin.samplers.emulator.particle_gibbs import move_shared
 
 # Lengths of Crank-Nicolson steps, of which each walker draws one.
 LENGTHS = (0.25, 0.5, 0.8, 1.0)
@@ -26,8 +27,8 @@ DIFFERENCES, WHOLE = (1.0, 0.5, 0.2), 0.2
 # Fractions of a stream's own coordinates that a difference changes (crossover: Vrugt et al. 2009), where there are
 # several. A walker in a narrow neck, where an extra error is small, leaves it along that coordinate alone.
 CROSSED = (0.15, 0.4, 1.0)
-# How often walkers move h for each move of the own coordinates, where there are several factors: what is slowest.
-OFTEN = 2
+# Lengths of steps of the shared coordinates: draws of a mixture as well.
+LENGTHS_OF_SHARED = (0.25, 0.5, 1.0, np.inf)
 # What is added to the diagonal of a covariance, as a fraction.
 RIDGE = 1e-9
 
@@ -50,6 +51,7 @@ class Moves:
         draws: bool = True,
         follows: bool = True,
         beside: Array | None = None,  # (m, d) other places that own coordinates are drawn near
+        of_each: int = 1,  # draws of each factor's own coordinates by which the shared ones move
     ) -> None:
         self._layout = layout
         self._follow = [Following.of(places[:, layout.shared], places[:, own]) for own in layout.own]
@@ -61,12 +63,11 @@ class Moves:
         self._own = [Mixture.of(each, rng) if each.shape[1] else None for each in drawn]
         alone = self._own[0] if self._shared is None and len(self._own) == 1 else None
         self._whole = (alone or Mixture.of(places, rng)) if draws else None
-        self._follows = follows
+        self._follows, self._of_each = follows, of_each
         self._h = places[:, layout.shared]
         self._precision = self._precision_of(places)
         self.accepted, self.tried = np.zeros(4), np.zeros(4)
-        self._often = 0 if self._shared is None else OFTEN if layout.several else 1
-        self._blocks = self._often + int(any(each is not None for each in self._own))
+        self._blocks = int(self._shared is not None) + int(any(each is not None for each in self._own))
 
     def _precision_of(self, places: Array) -> Array:
         """(d, d) The precision of the places: of the shared coordinates, and of those of each factor, by themselves."""
@@ -88,9 +89,9 @@ class Moves:
 
         Along the surface they move if they are to ``follow`` it.
         """
+        if self._shared is not None:
+            z, terms = self._move_shared(density, z, beta, rng)
         for by_mixture in (True, False):
-            for _ in range(self._often):
-                z, terms = self._move_shared(density, z, terms, beta, rng, self._lengths(len(z), rng, by_mixture))
             if any(each is not None for each in self._own):
                 z, terms = self._move_own(density, z, terms, beta, rng, self._lengths(len(z), rng, by_mixture))
         self.tried[[0, 2]] += 1
@@ -119,27 +120,21 @@ class Moves:
         length = np.where(rng.random(n) < WHOLE, 1.0, length * (1 + 0.01 * rng.standard_normal(n)))[:, None]
         return np.where(changed, length * (archive[first] - archive[other]), 0.0)
 
-    def _move_shared(
-        self, density: Density, z: Array, terms: Terms, beta: float, rng: np.random.Generator, length: Array | None
-    ) -> tuple[Array, Terms]:
-        """Move h, by the mixture in steps of these lengths or by differences; the other coordinates follow."""
-        assert self._shared is not None  # noqa: S101  checked by the caller
-        h, correction = z[:, self._layout.shared], np.zeros(len(z))
-        if length is None:
-            step = self._differences(self._h, len(z), rng)
-        else:
-            new_h, correction = self._shared.step(h, length, rng)
-            step = new_h - h
-        new = z.copy()
-        new[:, self._layout.shared] = new_h = h + step
-        for own, follow in zip(self._layout.own, self._follow, strict=True):
-            new[:, own], ln_volume = follow.moved(h, new_h, z[:, own])
-            correction += ln_volume
-        others = density.terms(new)
-        gain = _gain(others.total(beta), terms.total(beta)) + correction
-        accepted = np.log(rng.random(len(z))) < gain
-        self.accepted[0 if length is not None else 2] += accepted.mean() / self._blocks
-        return np.where(accepted[:, None], new, z), terms.replaced(others, accepted)
+    def _move_shared(self, density: Density, z: Array, beta: float, rng: np.random.Generator) -> tuple[Array, Terms]:
+        """Move h with the other coordinates summed over draws, by the mixture and by differences."""
+        shared = self._shared
+        assert shared is not None  # noqa: S101  checked by the caller
+
+        def by_mixture(h: Array) -> tuple[Array, Array]:
+            return shared.step(h, rng.choice(LENGTHS_OF_SHARED, size=len(h)), rng)
+
+        def by_differences(h: Array) -> tuple[Array, Array]:
+            return h + self._differences(self._h, len(h), rng), np.zeros(len(h))
+
+        steps = [by_mixture, by_differences, by_mixture]
+        z, terms, rates = move_shared(density, z, beta, rng, self._follow, self._own, self._of_each, steps)
+        self.accepted[[0, 2]] += np.array([(rates[0] + rates[2]) / 2, rates[1]]) / self._blocks
+        return z, terms
 
     def _move_own(
         self, density: Density, z: Array, terms: Terms, beta: float, rng: np.random.Generator, length: Array | None
@@ -159,7 +154,7 @@ class Moves:
         others = density.terms(new)
         before = terms.prior[:, 1:] + beta * terms.ln_likelihood
         after = others.prior[:, 1:] + beta * others.ln_likelihood
-        accepted = np.log(rng.random(after.shape)) < _gain(after, before) + correction
+        accepted = np.log(rng.random(after.shape)) < gain(after, before) + correction
         self.accepted[0 if length is not None else 2] += accepted.mean() / self._blocks
         z = z.copy()
         for k, own in enumerate(self._layout.own):
@@ -175,7 +170,7 @@ class Moves:
         self.tried[1] += 1
         new, correction = whole.step(z, np.full(len(z), np.inf), rng)
         others = density.terms(new)
-        accepted = np.log(rng.random(len(z))) < _gain(others.total(beta), terms.total(beta)) + correction
+        accepted = np.log(rng.random(len(z))) < gain(others.total(beta), terms.total(beta)) + correction
         self.accepted[1] += accepted.mean()
         return np.where(accepted[:, None], new, z), terms.replaced(others, accepted)
 
@@ -186,12 +181,6 @@ class Moves:
         self.tried[3] += 1
         new, correction = trajectory(Surface(density.tangents, self._layout, beta, self._precision), z, rng)
         others = density.terms(new)
-        accepted = np.log(rng.random(len(z))) < _gain(others.total(beta), terms.total(beta)) + correction
+        accepted = np.log(rng.random(len(z))) < gain(others.total(beta), terms.total(beta)) + correction
         self.accepted[3] += accepted.mean()
         return np.where(accepted[:, None], new, z), terms.replaced(others, accepted)
-
-
-def _gain(after: Array, before: Array) -> Array:
-    """Return differences of ln densities; those of walkers that are nowhere yet are infinite."""
-    with np.errstate(invalid="ignore"):
-        return np.where(np.isneginf(before), np.where(np.isneginf(after), -np.inf, np.inf), after - before)

@@ -36,10 +36,11 @@ RENEWED = 5
 # accepted: those of many streams together never are.
 RARE, TOO_RARE_TO_FOLLOW = 1e-3, 0.02
 # Walkers of a population that walk on, sweeps of their first walk, and their most sweeps. Thin ends of a posterior fill
-# slowly, and a walk of fewer sweeps does not show that they are missing. Of several factors one sweep in so many is
-# kept: autocorrelation times are much longer, and all sweeps would need gigabytes.
-WALKING, FIRST, MOST_SWEEPS, MOST_OF_SEVERAL = 64, 100, 3000, 12000
-KEPT_OF_SEVERAL = 4
+# slowly, and a walk of fewer sweeps does not show that they are missing.
+WALKING, FIRST, MOST_SWEEPS = 64, 100, 3000
+# Of several factors: draws of each by which walkers at the posterior move what is shared, and the sweeps of their first
+# walk. A sweep is five times the work of one with one draw, and walkers forget where they were in a few.
+OF_EACH, FIRST_OF_SEVERAL = 8, 32
 # Places of the first walk that the moves of the second one are made from.
 MANY = 8000
 # Largest R-hat over both populations. It is a difference of means of 0.15 standard deviations: their common mean is off
@@ -52,6 +53,7 @@ LAST = 512
 # In a round, from where the last one ended: walkers, sweeps until moves are fixed and after, sweeps of a tempered copy.
 # Sweeps take seconds, and a needless round, as few independent samples measured what moves, takes minutes.
 ROUND_WALKERS, ROUND_SETTLING, ROUND_SWEEPS, TEMPERED = 128, 10, 60, 10
+ROUND_SWEEPS_OF_SEVERAL = 16
 
 
 class Asked(NamedTuple):
@@ -197,10 +199,10 @@ class Population:
     def _take(self, rows: IntArray) -> None:
         self.z, self.terms = self.z[rows], self.terms.take(rows)
 
-    def moves(self, places: Array | None = None, beside: Array | None = None) -> Moves:
-        """Return moves made from these places (n, d), or from those of the population; see `Moves` for ``beside``."""
+    def moves(self, places: Array | None = None, beside: Array | None = None, of_each: int = 1) -> Moves:
+        """Return moves made from these places (n, d), or from those of the population; see `Moves` for the others."""
         places = self.z if places is None else places
-        return Moves(self.layout, places, self._rng, self._draws, self._follows, beside)
+        return Moves(self.layout, places, self._rng, self._draws, self._follows, beside, of_each)
 
     def settle(self, sweeps: int, follow: bool = True) -> Population:
         """Walk, with new moves every `RENEWED` sweeps; in the last of them, walkers may ``follow`` the surface."""
@@ -217,12 +219,11 @@ class Population:
     def _sweep(self, moves: Moves, follow: bool = True) -> None:
         self.z, self.terms = moves.sweep(self._density, self.z, self.terms, max(self.beta, 1e-9), self._rng, follow)
 
-    def walk(self, sweeps: int, moves: Moves, every: int = 1) -> tuple[Array, list[Terms]]:
-        """Return the places (sweeps / every, w, d) and terms of a walk with moves that do not change."""
-        places, terms = np.empty((sweeps // every, *self.z.shape)), []
-        for i in range(len(places)):
-            for _ in range(every):
-                self._sweep(moves)
+    def walk(self, sweeps: int, moves: Moves) -> tuple[Array, list[Terms]]:
+        """Return the places (sweeps, w, d) and terms of a walk with moves that do not change."""
+        places, terms = np.empty((sweeps, *self.z.shape)), []
+        for i in range(sweeps):
+            self._sweep(moves)
             places[i] = self.z
             terms.append(self.terms)
         return places, terms
@@ -235,7 +236,7 @@ def sample(
     beta: float = 0.0,
     walkers: int | None = None,
     asked: Asked = GIVEN,
-    most_sweeps: int | None = None,
+    most_sweeps: int = 0,
 ) -> Populations:
     """Sample a posterior by two populations.
 
@@ -254,13 +255,12 @@ def sample(
     asked
         How long the walks are asked to be.
     most_sweeps
-        Sweeps of a walk at most; by default `MOST_SWEEPS`, or `MOST_OF_SEVERAL`.
+        Sweeps of a walk at most.
 
     Raises StreamkitError where no place has a probability.
     """
-    several = density.layout.several
-    every = KEPT_OF_SEVERAL if several else 1
-    most_sweeps = most_sweeps or (MOST_OF_SEVERAL if several else MOST_SWEEPS)
+    several, most_sweeps = density.layout.several, most_sweeps or MOST_SWEEPS
+    first, of_each = (FIRST_OF_SEVERAL, OF_EACH) if several else (FIRST, 1)
     walkers = walkers or max(WALKERS // max(len(density.layout.own), 1), LEAST_WALKERS)
     populations = [Population(density, places, np.random.default_rng([*seed, i])) for i, places in enumerate(begin)]
     for each in populations:
@@ -270,20 +270,21 @@ def sample(
     # Both learn the moves from both: what one has lost, the other may have kept. A narrow mode of one stream holds few
     # walkers at middle temperatures, and both may have lost it: it is among the places of the begin.
     both = populations[0].joined(populations[1], WALKING)
-    moves = both.moves(np.concatenate([each.z for each in populations]), np.concatenate(begin) if several else None)
-    if most_sweeps <= FIRST:
+    places, beside = np.concatenate([each.z for each in populations]), np.concatenate(begin) if several else None
+    moves = both.moves(places, beside, of_each)
+    if most_sweeps <= first:
         return _judged(both, moves, [both.walk(most_sweeps, moves)], asked)
     # Stages leave thin ends empty, and the first walk fills them: it is no part of the answer. Its places are many more
     # than the walkers. A mixture of them follows these ends, where a walk by the first moves stays for long.
-    for length in (FIRST, 2 * FIRST) if several else (FIRST,):
+    for length in (first, 2 * first) if several else (first,):
         places = both.walk(length, moves)[0].reshape(-1, both.z.shape[1])
-        moves = both.moves(every_so_often(places, MANY))
+        moves = both.moves(every_so_often(places, MANY), of_each=of_each)
     parts: list[tuple[Array, list[Terms]]] = []
-    sweeps, more = 0, int(FIRST * max(asked.least / len(density.layout.own), 1.0))
+    sweeps, more = 0, int(first * max(asked.least / len(density.layout.own), 1.0))
     while True:
-        parts.append(both.walk(max(more, every), moves, every))
-        sweeps += len(parts[-1][1]) * every
-        result = _judged(both, moves, parts, asked, every)
+        parts.append(both.walk(more, moves))
+        sweeps += more
+        result = _judged(both, moves, parts, asked)
         lacking = (result.width_error / asked.width_error) ** 2 if sweeps < SWEEPS_FOR_WIDTHS else 0.0
         if (result.agree and lacking <= 1) or sweeps >= most_sweeps:
             return result
@@ -296,8 +297,9 @@ def go_on(density: Density, begin: Array, seed: list[int]) -> Populations:
     """Walk shortly from where two populations (2, w, d) ended, with another density that is nearly the same."""
     one, other = (Population(density, places, np.random.default_rng([*seed, i])) for i, places in enumerate(begin))
     both = one.at(ROUND_WALKERS, 1.0).joined(other.at(ROUND_WALKERS, 1.0), ROUND_WALKERS).settle(ROUND_SETTLING)
-    moves = both.moves()
-    return _judged(both, moves, [both.walk(ROUND_SWEEPS, moves)], GIVEN)
+    several = density.layout.several
+    moves = both.moves(of_each=OF_EACH if several else 1)
+    return _judged(both, moves, [both.walk(ROUND_SWEEPS_OF_SEVERAL if several else ROUND_SWEEPS, moves)], GIVEN)
 
 
 def tempered(density: Density, begin: Array, beta: float, seed: list[int]) -> Array:
@@ -308,13 +310,8 @@ def tempered(density: Density, begin: Array, beta: float, seed: list[int]) -> Ar
     return np.stack([each.reshape(-1, places.shape[2]) for each in np.split(places, 2, axis=1)])
 
 
-def _judged(
-    both: Population, moves: Moves, parts: Sequence[tuple[Array, list[Terms]]], asked: Asked, every: int = 1
-) -> Populations:
-    """Say how well two populations agree that have walked as one, in parts; each is a half of the walkers.
-
-    The parts have one sweep in ``every``.
-    """
+def _judged(both: Population, moves: Moves, parts: Sequence[tuple[Array, list[Terms]]], asked: Asked) -> Populations:
+    """Say how well two populations agree that have walked as one, in parts; each is a half of the walkers."""
     walked = np.concatenate([places for places, _ in parts])
     kept, walkers, d = walked.shape
     r_hat, time, spread = judge(both.layout, walked)
@@ -325,7 +322,7 @@ def _judged(
     count, width_error = len(samples) / time, float(np.sqrt(spread / (4 * len(samples))))
     return Populations(
         samples, Terms(*(np.concatenate(each) for each in zip(*terms, strict=True))),
-        last, r_hat, every * time, count, width_error, every * kept, moves.rates,
+        last, r_hat, time, count, width_error, kept, moves.rates,
         bool(r_hat < R_HAT and kept > asked.times * time and count > asked.independent),
     )  # fmt: skip
 
