@@ -67,3 +67,15 @@ def test_forks_end_with_the_object() -> None:
     del spread
     with pytest.raises(ProcessLookupError):
         os.kill(other, 0)
+
+
+def test_a_process_that_is_busy_between_evaluations_gives_its_share_away(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("streamkit.sample.calls.spread.MEASURED", 3)
+    spread = Spread([_process] * 4, 2)
+    for _ in range(4):
+        time.sleep(0.1)  # what another process could evaluate all of them in
+        found = spread([np.zeros(1)] * 4)
+    assert os.getpid() not in {int(each[0]) for each in found}
+    idle = Spread([_process] * 4, 2)
+    shares = [[int(each[0]) for each in idle([np.zeros(1)] * 4)] for _ in range(5)][-1]
+    assert shares.count(os.getpid()) == 2
