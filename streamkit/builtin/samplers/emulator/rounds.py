@@ -26,9 +26,7 @@ from streamkit.builtin.samplers.emulator.certificate import (
     fresh_calls,
 )
 from streamkit.builtin.samplers.emulator.changes import (
-    beyond_chance,
     change_of,
-    changes_of,
     difference,
     every_so_often,
     real_change_of,
@@ -49,6 +47,7 @@ from streamkit.builtin.samplers.emulator.populations import TESTED, Populations,
 from streamkit.builtin.samplers.emulator.reach import leading
 from streamkit.builtin.samplers.emulator.recall import Recall, recall
 from streamkit.builtin.samplers.emulator.remembered import given_up
+from streamkit.builtin.samplers.emulator.settled import ROUNDS, moved_by, uncertain_by
 from streamkit.builtin.samplers.emulator.start import SOME, Known, Starter, begin_apart, own_error_of
 
 # Inverse temperatures of the copies that new points come from, and the share of each. Tempered ones see regions where
@@ -59,14 +58,9 @@ COPIES = ((1.0, 0.4), (0.5, 0.2), (0.25, 0.2))
 LEAST_KNOWN, ENDS = 0.2, 0.6
 # Fraction of a round's new points of the posterior that are pairs: two calls at one place differ by their noise alone.
 PAIRED = 0.5
-# The posterior is compared with that of the emulators of so many rounds before.
-ROUNDS = 2
 # Standard deviations by which the posterior that fresh calls have tested and the one that is given may differ: two sets
 # of samples differ by 0.1 by chance.
 CHANGED = 0.15
-# Emulators of each factor that the noise of its calls could have given as well, and the fraction of them that count.
-# All samples are looked at where there are few factors: of many that takes a minute a round.
-REDRAWN, LIKELY, FEW_FACTORS = 32, 0.9, 4
 # Fraction of trends by chance that may be larger than one that counts.
 LEVEL = 0.05
 # Starts that must lead to all of the posterior, and how many are made for that at most.
@@ -88,7 +82,7 @@ class Progress:
     populations
         Samples of it.
     moved, uncertain
-        In standard deviations: since `ROUNDS` rounds ago, and by the noise of all calls, in `LIKELY` of cases at most.
+        In standard deviations: since two rounds ago, and by the noise of all calls, see `settled`.
     trend, trend_by_chance
         What the trends of the fresh calls of all factors would move together; NaN before they are made.
     recall
@@ -251,7 +245,8 @@ class Rounds:
     def _measured(self, known: Sequence[Known], joint: Joint, result: Populations, seed: list[int]) -> Progress:
         """Return how far the posterior has moved, what is uncertain, and what is missing before a test."""
         samples = every_so_often(result.samples, 4 * SOME)
-        moved, uncertain = self._moved(known, joint, samples, seed), self._uncertain(known, joint, samples, seed)
+        moved = moved_by(known, joint, samples, self._watched(), np.random.default_rng([*seed, 10]))
+        uncertain = uncertain_by(known, samples, self._watched(), np.random.default_rng([*seed, 5]))
         for each in known:
             mine = samples[:, each.factor.columns]
             each.own_error = own_error_of(each.emulated.unlimited(), mine)
@@ -262,44 +257,10 @@ class Rounds:
         self._note(f"calls: {rows}; moved {moved:.2f} sd, uncertain by {uncertain:.2f} sd; {missing or 'tested now'}")
         return Progress(known, joint, result, moved, uncertain, missing=missing)
 
-    def _moved(self, known: Sequence[Known], joint: Joint, samples: Array, seed: list[int]) -> float:
-        """Return how far the posterior has moved in `ROUNDS` rounds; infinite before. Note each factor's part."""
-        if any(len(each.before) < ROUNDS for each in known):
-            return np.inf
-        here, moving = joint.ln_likelihoods(samples), with_axes(samples[:, self._watched()])
-        rng = np.random.default_rng([*seed, 10])
-        olds = [Joint(self._factors, [each.before[i] for each in known]) for i in range(ROUNDS)]
-        changes = [old.ln_likelihoods(samples) - here for old in olds]
-        for k, each in enumerate(known):
-            each.moves = max(real_change_of(moving, change[:, k], rng) for change in changes)
-        return max(real_change_of(moving, change.sum(axis=1), rng) for change in changes)
-
     def _watched(self) -> IntArray:
         """Indices of the coordinates that are asked for: the shared ones; all of a single factor."""
         shared = self._factors[0].shared
         return shared if len(shared) else self._factors[0].columns
-
-    def _uncertain(self, known: Sequence[Known], joint: Joint, samples: Array, seed: list[int]) -> float:
-        """Return what the noise of all calls moves of any mean or width at most, in standard deviations.
-
-        In `LIKELY` of the cases it is less. What weights in another order move is chance, see `real_change_of`. Note
-        each factor's share.
-        """
-        rng = np.random.default_rng([*seed, 5])
-        some = samples if len(known) <= FEW_FACTORS else every_so_often(samples, SOME)
-        moving = with_axes(some[:, self._watched()])
-        total, by_chance = np.zeros((2, REDRAWN, 2, moving.shape[1]))
-        for each in known:
-            mine = some[:, each.factor.columns]
-            here = each.emulated.ln_likelihood(mine)
-            others = [each.emulated.redrawn(rng).ln_likelihood(mine) - here for _ in range(REDRAWN)]
-            changes = np.array([changes_of(moving, change) for change in others])
-            shuffled = np.array([changes_of(moving, rng.permutation(change)) for change in others])
-            left = np.mean(changes**2, axis=0).max() - np.mean(shuffled**2, axis=0).max()
-            each.share = len(known) * max(float(left), 0.0)
-            total, by_chance = total + changes, by_chance + shuffled
-        measured, chance = (float(np.quantile(np.abs(one).max(axis=(1, 2)), LIKELY)) for one in (total, by_chance))
-        return beyond_chance(measured, chance)
 
     def _is_over(self, known: Sequence[Known], max_calls: int) -> bool:
         return not with_calls_left(known, max_calls) or self._factors[0].problem.time_left() <= 0
