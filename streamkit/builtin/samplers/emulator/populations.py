@@ -46,8 +46,9 @@ MANY = 8000
 # Largest R-hat over both populations. It is a difference of means of 0.15 standard deviations: their common mean is off
 # by half of it.
 R_HAT = 1.004
-# Sweeps that widths are waited for at most. Those of heavy tails are uncertain for long, and no reason to refuse.
-SWEEPS_FOR_WIDTHS = 800
+# Sweeps that widths are waited for at most, in units of the first walk. Those of heavy tails are uncertain for long,
+# and no reason to refuse.
+FOR_WIDTHS = 8
 # Samples of a population that the next walk may begin from.
 LAST = 512
 # In a round, from where the last one ended: walkers, sweeps until moves are fixed and after, sweeps of a tempered copy.
@@ -255,7 +256,7 @@ def sample(
     asked
         How long the walks are asked to be.
     most_sweeps
-        Sweeps of a walk at most.
+        Sweeps of a walk at most; 0 for `MOST_SWEEPS`.
 
     Raises StreamkitError where no place has a probability.
     """
@@ -285,10 +286,10 @@ def sample(
         parts.append(both.walk(more, moves))
         sweeps += more
         result = _judged(both, moves, parts, asked)
-        lacking = (result.width_error / asked.width_error) ** 2 if sweeps < SWEEPS_FOR_WIDTHS else 0.0
+        lacking = (result.width_error / asked.width_error) ** 2 if sweeps < FOR_WIDTHS * first else 0.0
         if (result.agree and lacking <= 1) or sweeps >= most_sweeps:
             return result
-        lacking = max(min(lacking, SWEEPS_FOR_WIDTHS / sweeps), asked.independent / max(result.independent, 1.0))
+        lacking = max(min(lacking, FOR_WIDTHS * first / sweeps), asked.independent / max(result.independent, 1.0))
         wanted = max(asked.times * result.time, sweeps * lacking)
         more = min(max(int(1.1 * min(wanted, most_sweeps)) - sweeps, sweeps // 4), sweeps, most_sweeps - sweeps)
 
