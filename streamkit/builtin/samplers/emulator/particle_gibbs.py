@@ -65,9 +65,9 @@ class Draws(NamedTuple):
         z, every = self.places[:, 0].copy(), np.arange(n)
         for k, columns in enumerate(own):
             z[:, columns] = self.places[every[:, None], which[:, [k]], columns]
-        rows, streams_of = every[:, None] * count + which, np.arange(streams)
-        prior = np.concatenate([self.terms.prior[::count, :1], self.terms.prior[rows, 1 + streams_of]], axis=1)
-        return z, Terms(prior, self.terms.ln_likelihood[rows, streams_of])
+        rows, stream = every[:, None] * count + which, np.arange(streams)
+        prior = np.concatenate([self.terms.prior[::count, :1], self.terms.prior[rows, 1 + stream]], axis=1)
+        return z, Terms(prior, self.terms.ln_likelihood[rows, stream])
 
 
 def move_shared(
@@ -128,7 +128,7 @@ def _residuals(
     mixtures: Sequence[Mixture | None],
     count: int,
 ) -> tuple[list[Array], Array]:
-    """Return the residuals (n, N, k) of each stream, first those of the walkers, and ln q of all (n, N, K)."""
+    """Return the residuals (n, N, k) of each stream, those of the walkers first, and ln q of all (n, N, K)."""
     n, found, ln_drawn = len(z), [], np.zeros((len(z), count, len(all_own)))
     for k, (own, mixture) in enumerate(zip(all_own, mixtures, strict=True)):
         each = np.repeat(follow[k].left(h, z[:, own])[:, None], count, axis=1)
