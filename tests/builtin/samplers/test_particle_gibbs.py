@@ -55,8 +55,9 @@ def walked(count, beta, rng, steps=STEPS):
         return h + 0.2 * rng.standard_normal(h.shape), np.zeros(len(h))
 
     z, found, moved = rng.normal(0, 0.5, (300, 4)), [], []
+    terms = density.terms(z)
     for _ in range(steps):
-        z, terms, rates = move_shared(density, z, beta, rng, follow, mixtures, count, [wide, narrow])
+        z, terms, rates = move_shared(density, z, terms, beta, rng, follow, mixtures, count, [wide, narrow])
         found.append(z)
         moved.append(rates)
     whole = density.terms(z)

@@ -90,7 +90,7 @@ class Moves:
         Along the surface they move if they are to ``follow`` it.
         """
         if self._shared is not None:
-            z, terms = self._move_shared(density, z, beta, rng)
+            z, terms = self._move_shared(density, z, terms, beta, rng)
         for by_mixture in (True, False):
             if any(each is not None for each in self._own):
                 z, terms = self._move_own(density, z, terms, beta, rng, self._lengths(len(z), rng, by_mixture))
@@ -120,7 +120,9 @@ class Moves:
         length = np.where(rng.random(n) < WHOLE, 1.0, length * (1 + 0.01 * rng.standard_normal(n)))[:, None]
         return np.where(changed, length * (archive[first] - archive[other]), 0.0)
 
-    def _move_shared(self, density: Density, z: Array, beta: float, rng: np.random.Generator) -> tuple[Array, Terms]:
+    def _move_shared(
+        self, density: Density, z: Array, terms: Terms, beta: float, rng: np.random.Generator
+    ) -> tuple[Array, Terms]:
         """Move h with the other coordinates summed over draws, by the mixture and by differences."""
         shared = self._shared
         assert shared is not None  # noqa: S101  checked by the caller
@@ -132,7 +134,7 @@ class Moves:
             return h + self._differences(self._h, len(h), rng), np.zeros(len(h))
 
         steps = [by_mixture, by_differences, by_mixture]
-        z, terms, rates = move_shared(density, z, beta, rng, self._follow, self._own, self._of_each, steps)
+        z, terms, rates = move_shared(density, z, terms, beta, rng, self._follow, self._own, self._of_each, steps)
         self.accepted[[0, 2]] += np.array([(rates[0] + rates[2]) / 2, rates[1]]) / self._blocks
         return z, terms
 

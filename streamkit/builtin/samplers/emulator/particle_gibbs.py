@@ -73,6 +73,7 @@ class Draws(NamedTuple):
 def move_shared(
     density: Density,
     z: Array,
+    terms: Terms,
     beta: float,
     rng: np.random.Generator,
     follow: Sequence[Following],
@@ -80,7 +81,7 @@ def move_shared(
     count: int,
     steps: Sequence[Step],
 ) -> tuple[Array, Terms, list[float]]:
-    """Move walkers z (n, d) by steps of the shared coordinates.
+    """Move walkers z (n, d), which have these terms, by steps of the shared coordinates.
 
     Parameters
     ----------
@@ -99,17 +100,17 @@ def move_shared(
     h = z[:, layout.shared]
     residuals, ln_drawn = _residuals(z, h, layout.own, rng, follow, mixtures, count)
 
-    def at(h: Array) -> Draws:
+    def at(h: Array, known: Terms | None = None) -> Draws:
         places, ln_volumes = np.empty((n, count, z.shape[1])), np.empty((n, len(layout.own)))
         places[:, :, layout.shared] = h[:, None]
         for k, own in enumerate(layout.own):
             places[:, :, own], ln_volumes[:, k] = follow[k].placed(h, residuals[k])
-        terms = density.terms(places.reshape(n * count, -1))
+        terms = known or density.terms(places.reshape(n * count, -1))
         each = terms.prior[:, 1:] + beta * terms.ln_likelihood
         ln_weights = each.reshape(n, count, -1) + ln_volumes[:, None] - ln_drawn
         return Draws(places, terms, ln_weights, terms.prior[::count, 0] + logsumexp(ln_weights, axis=1).sum(axis=1))
 
-    here, rates = at(h), []
+    here, rates = at(h, terms if count == 1 else None), []
     for step in steps:
         new, correction = step(h)
         there = at(new)
