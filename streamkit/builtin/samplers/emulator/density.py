@@ -169,6 +169,16 @@ class Emulated:
             found[i : i + PART] = self.emulator.ln_likelihood(y, self.space.parameters(y), self.noise, most)
         return np.where(np.isnan(found), -np.inf, found)
 
+    def of_other_noise(self, z: Array, rng: np.random.Generator, count: int) -> Array:
+        """(count, n) ln likelihood at z (n, d) of emulators that other noise in the calls could have given."""
+        changes = [self.emulator.by_noise(rng) for _ in range(count)]
+        found = np.empty((count, len(z)))
+        for i in range(0, len(z), PART):
+            y = self.space.learned(z[i : i + PART])
+            theta, rows = self.space.parameters(y), slice(i, i + PART)
+            found[:, rows] = self.emulator.of_other_noise(y, theta, changes, self.noise, self.most_by_error)
+        return np.where(np.isnan(found), -np.inf, found)
+
     def unlimited(self) -> Emulated:
         """Return the likelihood in which the emulator's own error may add any amount to ln L."""
         return replace(self, most_by_error=np.inf)

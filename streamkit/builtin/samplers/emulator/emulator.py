@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -147,12 +148,14 @@ class Emulator:
         root = np.sqrt(np.maximum(values, 0.0))[:, None] * axes.T
         return np.asarray(root * np.sqrt(np.maximum(self.residual_variance, 0.0)))
 
+    def by_noise(self, rng: np.random.Generator) -> Array:
+        """(terms, m) Draw what other noise of the calls would change of the coefficients of the mean."""
+        normal = rng.standard_normal((self.chance.shape[1], len(self._scatter)))
+        return np.asarray(self.chance @ (normal @ self._scatter))
+
     def redrawn(self, rng: np.random.Generator) -> Emulator:
         """Return what other calls at the same points could have given: other noise, so other coefficients."""
-        coefficients = self.mean.whole
-        normal = rng.standard_normal((self.chance.shape[1], coefficients.shape[1]))
-        chance = self.chance @ (normal @ self._scatter)
-        return replace(self, mean=LowRank(coefficients + chance))
+        return replace(self, mean=LowRank(self.mean.whole + self.by_noise(rng)))
 
     def ln_likelihood(self, y: Array, theta: Array, noise: bool = False, most_by_error: float = np.inf) -> Array:
         """(n,) ln likelihood at coordinates y (n, d), which are the parameters theta (n, d).
@@ -164,10 +167,29 @@ class Emulator:
         most_by_error
             Most that the emulator's own error adds to ln L; 0 is without it.
         """
+        return self._compared(self.predict(y, noise), theta, noise, most_by_error)
+
+    def of_other_noise(
+        self, y: Array, theta: Array, changes: Sequence[Array], noise: bool, most_by_error: float
+    ) -> Array:
+        """(k, n) `ln_likelihood` if noise had changed the coefficients of the mean by these (terms, m), see `by_noise`.
+
+        The errors of the fit are the same, and most of the work.
+        """
         predicted = self.predict(y, noise)
+        features = self.basis.features((y[:, self.problem.coordinates] - self.centre) @ self.whiten)
+        used, found = np.isfinite(self.problem.values), np.empty((len(changes), len(y)))
+        for i, change in enumerate(changes):
+            mean = predicted.mean.copy()
+            mean[:, used] += self.problem.errors[used] * (features @ change)
+            found[i] = self._compared(predicted._replace(mean=mean), theta, noise, most_by_error)
+        return found
+
+    def _compared(self, predicted: Predictions, theta: Array, noise: bool, most_by_error: float) -> Array:
+        """(n,) ln likelihood of predictions at parameters theta (n, d)."""
         of_call = predicted.noise if noise else np.zeros_like(predicted.noise)
         outside = len(self.centre) * (predicted.beyond - 1.0)
-        lnl, every = np.full(len(y), np.inf), np.arange(len(y))
+        lnl, every = np.full(len(theta), np.inf), np.arange(len(theta))
         with_error = every if most_by_error > 0 else every[:0]
         limited = every[~(self._most_added(predicted) < most_by_error)] if np.isfinite(most_by_error) else every[:0]
         # one comparison of both: half of its time is that of a call

@@ -35,10 +35,11 @@ def noise_of_calls(joint: Joint, samples: Array, seed: list[int]) -> float:
     """Return the standard error that the noise of the calls leaves in ln evidence, from samples (n, d)."""
     rng, some = np.random.default_rng(seed), every_so_often(samples, SOME)
     here = joint.ln_likelihoods(some).sum(axis=1)
-    changes = []
-    for _ in range(REDRAWN):
-        redrawn = Joint(joint.factors, [each.redrawn(rng) for each in joint.emulated])
-        changes.append(logsumexp(redrawn.ln_likelihoods(some).sum(axis=1) - here) - np.log(len(some)))
+    others = sum(
+        each.of_other_noise(some[:, factor.columns], rng, REDRAWN)
+        for factor, each in zip(joint.factors, joint.emulated, strict=True)
+    )
+    changes = logsumexp(others - here, axis=1) - np.log(len(some))
     return float(np.sqrt(np.mean(np.square(changes))))
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 import numpy as np
 from scipy.linalg import LinAlgError
 from scipy.special import expit
@@ -16,9 +18,14 @@ from streamkit.builtin.samplers.emulator.problem import Answers, Problem
 from streamkit.builtin.samplers.monomials import count, monomials
 
 # Polynomials that are tried: degrees, most terms, effective points for each term, and ridge penalties in units of the
-# mean diagonal of the normal equations.
+# mean diagonal of the normal equations. Penalties of terms above the first degree are also tried larger by one of
+# these factors for each degree more: the higher terms of a smooth function are small, and noise is not.
 DEGREES, MOST_TERMS, POINTS_PER_TERM = (1, 2, 3, 4, 5, 6, 7, 8), 1000, 1.6
 RIDGES = (1e-8, 1e-6, 1e-4, 1e-2)
+STEEPER = (10.0, 100.0, 1000.0)
+# A fit of more terms leaves over less than this fraction of what a simpler one does. Else a degree that is better by
+# chance makes each walk several times as long.
+SIMPLER = 0.98
 # Degrees above the best one that are tried in vain before no higher one is: two, as a function may be even or odd.
 IN_VAIN = 2
 # Part of `NEAR` by which ln likelihoods of a fit and of its calls may differ, beside some typical changes by noise: in
@@ -110,7 +117,7 @@ def _fitted(problem: Problem, y: Array, answers: Answers, lnl: Array) -> Emulato
         mean=LowRank.of(basis.of_features(fit.coefficients)),
         directions=np.eye(1) if problem.is_ln_likelihood else _directions(points, fit, of_fit),
         leverage=errors.leverage,
-        chance=basis.of_features(fit.root),
+        chance=basis.of_features(fit.by_noise(basis.terms(points.x), points.weight)),
         residual_variance=errors.residual,
         correlation=errors.correlation,
         lack_of_fit=errors.lack_of_fit,
@@ -144,44 +151,80 @@ def _highest_degree(points: Points) -> int:
 
 def _best_regression(points: Points) -> tuple[Polynomial | Kernel, Regression] | None:
     """Return the polynomial, or the Gaussian process, whose fits without a point predict that point best."""
-    fits: list[tuple[float, Polynomial | Kernel, Regression]] = []
-    best = (np.inf, 1)  # what the best polynomial leaves over, and its degree
+    best: tuple[float, Polynomial | Kernel, Regression] | None = None
+    lowest = (np.inf, 1)  # what any polynomial leaves over, and its degree
     for degree in (k for k in DEGREES if k <= _highest_degree(points)):
-        if degree > best[1] + IN_VAIN:
+        if degree > lowest[1] + IN_VAIN:
             break
-        terms = monomials(points.x, degree)
-        for ridge in RIDGES:
-            try:
-                fit = regress(terms, points.target, points.weight, ridge)
-            except LinAlgError:  # walkers that hardly moved
-                continue
-            best = min(best, (_left_over(points, fit), degree))
-            fits.append((_left_over(points, fit), Polynomial(degree), fit))
+        if (found := _best_ridge(points, degree)) is None:
+            continue
+        lowest = min(lowest, (found[0], degree))
+        if best is None or found[0] < SIMPLER * best[0]:
+            best = found[0], Polynomial(degree), found[1]
+    if best is None:
+        return None
+    noisy, m = float(points.typical_noise.sum()), points.target.shape[1]
+    if lowest[0] > WORTH * noisy + EXACT * m and (kernel := _best_kernel(points, SURELY * noisy / m)) is not None:
+        best = kernel if kernel[0] < SIMPLER * best[0] else best
+    return best[1:]
+
+
+def _best_ridge(points: Points, degree: int) -> tuple[float, Regression] | None:
+    """Return what the best polynomial of a degree leaves over, and the polynomial; None if points do not span it.
+
+    The best ridge is made steeper as long as that helps.
+    """
+    terms, d = monomials(points.x, degree), points.x.shape[1]
+    scale = float(np.mean(points.weight @ terms**2))
+    of_degree = np.diff([0, *(count(d, k) for k in range(degree + 1))])
+    above_first = np.repeat(np.maximum(np.arange(degree + 1) - 1, 0), of_degree)
+    fits: list[tuple[float, float, Regression]] = []
+
+    def add(ridge: float, steeper: float = 1.0) -> float:
+        penalty = scale * ridge * steeper**above_first
+        penalty[0] = 1e-12 * scale * ridge
+        with suppress(LinAlgError):  # walkers that hardly moved
+            fit = regress(terms, points.target, points.weight, penalty)
+            fits.append((_left_over(points, fit), ridge, fit))
+            return fits[-1][0]
+        return np.inf
+
+    for ridge in RIDGES:
+        add(ridge)
     if not fits:
         return None
-    noisy = float(points.typical_noise.sum())
-    m = points.target.shape[1]
-    if min(fits, key=_first)[0] > WORTH * noisy + EXACT * m:
-        counted, rng = points.weight >= LEAST_WEIGHT, np.random.default_rng(len(points.x))
-        x, target, weight = points.x[counted], points.target[counted], points.weight[counted]
+    least, ridge, _ = min(fits, key=_first)
+    for steeper in STEEPER if degree > 1 else ():
+        if (left := add(ridge, steeper)) >= least:
+            break
+        least = left
+    left, _, fit = min(fits, key=_first)
+    return left, fit
+
+
+def _best_kernel(points: Points, noise: float) -> tuple[float, Kernel, Regression] | None:
+    """Return what the best Gaussian process leaves over, with at least this noise, the process and its fit, or None."""
+    counted, rng = points.weight >= LEAST_WEIGHT, np.random.default_rng(len(points.x))
+    x, target, weight = points.x[counted], points.target[counted], points.weight[counted]
+    best: tuple[float, Kernel, Regression] | None = None
+    for begin in BEGINS if len(x) > LEARNED_FROM else dict.fromkeys(BEGINS):  # all points are one draw
         try:
-            for begin in BEGINS if len(x) > LEARNED_FROM else dict.fromkeys(BEGINS):  # all points are one draw
-                kernel = learn_kernel(x, target, weight, rng, SURELY * noisy / m, begin)
-                fit = regress(kernel.terms(points.x), points.target, points.weight, kernel.penalty)
-                fits.append((_left_over(points, fit), kernel, fit))
+            kernel = learn_kernel(x, target, weight, rng, noise, begin)
+            fit = regress(kernel.terms(points.x), points.target, points.weight, kernel.penalty)
         except LinAlgError:
-            pass
-    _, basis, fit = min(fits, key=_first)
-    return basis, fit
+            break
+        if best is None or _left_over(points, fit) < best[0]:
+            best = _left_over(points, fit), kernel, fit
+    return best
+
+
+def _first(fit: tuple[float, float, Regression]) -> float:
+    return fit[0]
 
 
 def _left_over(points: Points, fit: Regression) -> float:
     """Return the sum over the data of the mean square that fits without a point, or its pair, leave over there."""
     return float(np.sum(error_of(fit.out_without(points.pairs)[points.close] ** 2)))
-
-
-def _first(fit: tuple[float, Polynomial | Kernel, Regression]) -> float:
-    return fit[0]
 
 
 def log_odds(terms: Array, there: Array, penalty: float) -> Array:

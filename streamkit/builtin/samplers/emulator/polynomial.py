@@ -64,12 +64,26 @@ class Regression:
         (n, k) what the fit leaves over at the points.
     leverage
         (n,) how much each point decides the fit there: ``left / (1 - leverage)`` is what a fit without it leaves over.
+    penalty
+        (terms,) the ridge penalty of each coefficient.
     """
 
     coefficients: Array
     root: Array
     left: Array
     leverage: Array
+    penalty: Array
+
+    def by_noise(self, terms: Array, weight: Array) -> Array:
+        """(terms, terms) Return what makes changes of the coefficients of independent normal numbers.
+
+        The noise of all points (n, terms) is the same, whatever their weights (n,): a point that counts less moves the
+        fit less. ``root`` would be right for points whose variance is the inverse of their weight.
+        """
+        weighted = terms * weight[:, None]
+        both = weighted.T @ weighted
+        both[np.diag_indices_from(both)] += self.penalty
+        return np.asarray(self.root @ (self.root.T @ cholesky(both, lower=True)))
 
     @property
     def out(self) -> Array:
@@ -169,7 +183,7 @@ def regress(terms: Array, target: Array, weight: Array, ridge: float | Array) ->
     coefficients = np.asarray(cho_solve((lower, True), weighted.T @ target))
     root = np.asfortranarray(solve_triangular(lower, np.eye(len(lower)), lower=True).T)
     leverage = np.minimum(weight * np.sum(times_triangular(terms, root) ** 2, axis=1), HEAVIEST)
-    return Regression(coefficients, root, target - terms @ coefficients, leverage)
+    return Regression(coefficients, root, target - terms @ coefficients, leverage, np.broadcast_to(ridge, len(lower)))
 
 
 def times_triangular(terms: Array, root: Array) -> Array:

@@ -54,7 +54,7 @@ def uncertain_by(known: Sequence[Known], samples: Array, watched: IntArray, rng:
     for each in known:
         mine = samples[:, each.factor.columns]
         here = each.emulated.ln_likelihood(mine)
-        others = [each.emulated.redrawn(rng).ln_likelihood(mine) - here for _ in range(REDRAWN)]
+        others = each.emulated.of_other_noise(mine, rng, REDRAWN) - here
         changes = np.array([changes_of(moving, change) for change in others])
         shuffled = np.array([changes_of(moving, rng.permutation(change)) for change in others])
         left = np.mean(changes**2, axis=0).max() - np.mean(shuffled**2, axis=0).max()
