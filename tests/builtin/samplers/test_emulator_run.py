@@ -107,8 +107,10 @@ def test_calls_are_compared_with_changed_data(run, tmp_path):
     assert calls_in(tmp_path / "new" / "earlier_calls.journal") == run[1].calls
     assert results.calls < run[1].calls
     posterior, draws = sk.Posterior(results.spec, emulated=True), results.draws.blobs.reshape(-1)
-    for i in range(0, len(results.samples), 100):
-        assert draws["ln_likelihood"][i] == pytest.approx(posterior.evaluate(results.samples[i]).ln_likelihood, abs=2)
+    some = range(0, len(results.samples), 20)
+    off = [draws["ln_likelihood"][i] - posterior.evaluate(results.samples[i]).ln_likelihood for i in some]
+    assert np.median(np.abs(off)) < 0.7  # the noise of one call
+    assert np.quantile(np.abs(off), 0.9) < 2
     again = sk.run(results.spec, out=tmp_path / "new", progress=False, products=False, resume=True)
     np.testing.assert_array_equal(again.samples, results.samples)
 
