@@ -106,11 +106,15 @@ def test_calls_are_compared_with_changed_data(run, tmp_path):
     assert "ended by its own rule" in results.note()
     assert calls_in(tmp_path / "new" / "earlier_calls.journal") == run[1].calls
     assert results.calls < run[1].calls
-    posterior, draws = sk.Posterior(results.spec, emulated=True), results.draws.blobs.reshape(-1)
     some = range(0, len(results.samples), 20)
-    off = [draws["ln_likelihood"][i] - posterior.evaluate(results.samples[i]).ln_likelihood for i in some]
+    given = results.draws.blobs.reshape(-1)["ln_likelihood"][some]
+    off, off_old = (
+        given - [posterior.evaluate(results.samples[i]).ln_likelihood for i in some]
+        for posterior in (sk.Posterior(each.spec, emulated=True) for each in (results, run[1]))
+    )
     assert np.median(np.abs(off)) < 0.7  # the noise of one call
     assert np.quantile(np.abs(off), 0.9) < 2
+    assert off.std() < 0.8 * off_old.std()  # of the data before the change
     again = sk.run(results.spec, out=tmp_path / "new", progress=False, products=False, resume=True)
     np.testing.assert_array_equal(again.samples, results.samples)
 

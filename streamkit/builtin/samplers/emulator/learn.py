@@ -23,8 +23,8 @@ from streamkit.builtin.samplers.monomials import count, monomials
 DEGREES, MOST_TERMS, POINTS_PER_TERM = (1, 2, 3, 4, 5, 6, 7, 8), 1000, 1.6
 RIDGES = (1e-8, 1e-6, 1e-4, 1e-2)
 STEEPER = (10.0, 100.0, 1000.0)
-# A fit of more terms leaves over less than this fraction of what a simpler one does. Else a degree that is better by
-# chance makes each walk several times as long.
+# A fit of more terms is taken where its leave-one-out error is below this fraction of that of a simpler one. Else a
+# degree that is better by chance makes each walk several times as long.
 SIMPLER = 0.98
 # Degrees above the best one that are tried in vain before no higher one is: two, as a function may be even or odd.
 IN_VAIN = 2
@@ -152,7 +152,7 @@ def _highest_degree(points: Points) -> int:
 def _best_regression(points: Points) -> tuple[Polynomial | Kernel, Regression] | None:
     """Return the polynomial, or the Gaussian process, whose fits without a point predict that point best."""
     best: tuple[float, Polynomial | Kernel, Regression] | None = None
-    lowest = (np.inf, 1)  # what any polynomial leaves over, and its degree
+    lowest = (np.inf, 1)  # the lowest leave-one-out error of a polynomial, and its degree
     for degree in (k for k in DEGREES if k <= _highest_degree(points)):
         if degree > lowest[1] + IN_VAIN:
             break
@@ -170,7 +170,7 @@ def _best_regression(points: Points) -> tuple[Polynomial | Kernel, Regression] |
 
 
 def _best_ridge(points: Points, degree: int) -> tuple[float, Regression] | None:
-    """Return what the best polynomial of a degree leaves over, and the polynomial; None if points do not span it.
+    """Return the lowest leave-one-out error of a polynomial of a degree, and its fit; None if points do not span it.
 
     The best ridge is made steeper as long as that helps.
     """
@@ -203,7 +203,7 @@ def _best_ridge(points: Points, degree: int) -> tuple[float, Regression] | None:
 
 
 def _best_kernel(points: Points, noise: float) -> tuple[float, Kernel, Regression] | None:
-    """Return what the best Gaussian process leaves over, with at least this noise, the process and its fit, or None."""
+    """Return the lowest leave-one-out error of a Gaussian process with at least this noise, the process and its fit."""
     counted, rng = points.weight >= LEAST_WEIGHT, np.random.default_rng(len(points.x))
     x, target, weight = points.x[counted], points.target[counted], points.weight[counted]
     best: tuple[float, Kernel, Regression] | None = None
@@ -213,8 +213,8 @@ def _best_kernel(points: Points, noise: float) -> tuple[float, Kernel, Regressio
             fit = regress(kernel.terms(points.x), points.target, points.weight, kernel.penalty)
         except LinAlgError:
             break
-        if best is None or _left_over(points, fit) < best[0]:
-            best = _left_over(points, fit), kernel, fit
+        if (left := _left_over(points, fit)) < (best[0] if best else np.inf):
+            best = left, kernel, fit
     return best
 
 
