@@ -9,6 +9,7 @@ from joints import LinearFactors, factors_of
 from shortened import take_few_steps
 
 from streamkit.builtin.samplers.emulator import missing
+from streamkit.builtin.samplers.emulator.calls import Calls
 from streamkit.builtin.samplers.emulator.missing import (
     FAR,
     FEW,
@@ -119,6 +120,17 @@ def test_streams_in_conflict_are_learned_where_the_joint_posterior_is() -> None:
     progress, _ = fit(target)
     assert progress.missing == ""
     assert_right(target, progress)
+
+
+def test_calls_of_an_earlier_run_are_learned_where_the_joint_posterior_is_before_they_are_measured(monkeypatch) -> None:
+    tilts, learn = [], Calls.learn
+    monkeypatch.setattr(Calls, "learn", lambda calls, tilt=None: tilts.append(tilt) or learn(calls, tilt))
+    prior = np.random.default_rng(3)
+    factors = [replace(each, earlier=prior.standard_normal((400, len(each.columns))))
+               for each in factors_of(LinearFactors(2, own=2), noise=0.3, seed=1)]  # fmt: skip
+    first = next(Rounds(factors, False).run(3000))
+    assert [len(each.calls) for each in first.known] == [400, 400]
+    assert [tilt is not None for tilt in tilts[-2:]] == [True, True]  # of each stream, what all say of the host
 
 
 def test_too_few_calls_are_told(monkeypatch: pytest.MonkeyPatch) -> None:

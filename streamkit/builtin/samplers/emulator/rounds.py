@@ -147,6 +147,10 @@ class Rounds:
             if result is None:
                 self._note("all starts are made: two populations come to the emulated posterior")
                 result = sample(joint, begin_apart(known), seed, most_sweeps=10)
+                if len(known) > 1 and any(len(each.factor.earlier) for each in known):
+                    # Nothing of the other streams was known when an earlier run's calls were learned from.
+                    self._learn(known, self._copies(joint, result, [*seed, 5]))
+                    joint = self._joint(known)
             result = go_on(joint, result.last, [*seed, 0])
             copies = self._copies(joint, result, seed)
             now = self._measured(known, joint, result, seed)
