@@ -26,8 +26,12 @@ class Table:
     Tables are equal if their columns are.
     """
 
-    def __init__(self, columns: Mapping[str, Array]) -> None:
-        self._columns = dict(columns)
+    def __init__(self, columns: Mapping[str, Array], read_by: Columns | None = None) -> None:
+        self._columns, self._read_by = dict(columns), read_by
+
+    def is_read_by(self, columns: Columns) -> bool:
+        """Whether this declaration has read the table: it need not be checked again."""
+        return self._read_by is columns
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -127,6 +131,8 @@ class Columns:
     def read(self, value: Any, files: Files | None = None) -> Table:
         """Return the table of a run file; ValueError with a reason for anything else."""
         if isinstance(value, Table):
+            if value.is_read_by(self):
+                return value
             value = {name: value[name] for name in value.names}
         if isinstance(value, str | Path):
             value = {"file": str(value)}
@@ -139,7 +145,7 @@ class Columns:
         if len(set(lengths.values())) > 1:
             shown = ", ".join(f"{name} {length}" for name, length in lengths.items())
             raise ValueError(f"the columns differ in length: {shown}")
-        return Table(columns)
+        return Table(columns, self)
 
     def _mark(self, name: str) -> ArrayOf:
         between = self.ranges.get(name, (-np.inf, np.inf))

@@ -37,6 +37,10 @@ class StreamSections:
     stripping: Section[StrippingScheme]
     observables: dict[str, Section[Observable]]
 
+    def measured(self, values: Mapping[str, float]) -> dict[str, Observable]:
+        """Return the observables at the values of the free parameters by name."""
+        return {name: section.build(values) for name, section in self.observables.items()}
+
     @property
     def frame(self) -> Frame:
         """The frame of phi1 and phi2: the progenitor's, or else an observable's; None without one."""
@@ -177,7 +181,7 @@ class Sections:
                 lookback=phase.lookback,
                 stripping=stream.stripping.build(values),
                 integrator=integrator,
-                observables={key: section.build(values) for key, section in stream.observables.items()},
+                observables=stream.measured(values),
                 seed=self.seed_of(name),
                 values=dict(values),
                 bodies=bodies,
@@ -187,9 +191,16 @@ class Sections:
                 sun=seen,
                 name=name,
             )
-        data = {name: section.build(values) for name, section in self.data.items()}
+        data = self._data(values)
         numbers = {path: values.get(path, number) for path, number in self._read.items()}
         return ModelInputs(potentials, bodies, seen, streams, data, dict(values), numbers)
+
+    def measurements(self, values: Mapping[str, float]) -> tuple[dict[str, dict[str, Observable]], dict[str, HostData]]:
+        """Return the observables of each stream, and the data of the host; raises as `bound`."""
+        return {name: stream.measured(values) for name, stream in self.streams.items()}, self._data(values)
+
+    def _data(self, values: Mapping[str, float]) -> dict[str, HostData]:
+        return {name: section.build(values) for name, section in self.data.items()}
 
     @property
     def of_host(self) -> list[Section[Any]]:

@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from streamkit.components import Component, Potential, Registry
+from streamkit.components import Component, HostData, Observable, Potential, Registry
 from streamkit.errors import PluginError, SpecError, nearest
 from streamkit.fields import Files
 from streamkit.runfile.document import read_toml
@@ -96,6 +96,15 @@ class Spec(Resolved):
     def host(self, theta: Array | Mapping[str, Any] | None = None) -> dict[str, Potential]:
         """Return the potentials of the host alone, for a small part of the cost of `bind_all`; arguments as there."""
         return self.sections.host(self._values(theta))
+
+    def measurements(
+        self, theta: Array | Mapping[str, Any] | None = None
+    ) -> tuple[dict[str, dict[str, Observable]], dict[str, HostData]]:
+        """Return the observables of each stream, and the data of the host, for a small part of the cost of `bind_all`.
+
+        Arguments and errors as there.
+        """
+        return self.sections.measurements(self._values(theta))
 
     def _values(self, theta: Array | Mapping[str, Any] | None) -> dict[str, float]:
         theta = {} if theta is None else theta

@@ -241,3 +241,14 @@ def test_the_schema_allows_what_load_reads(schema: dict[str, Any]) -> None:
     assert not accepts(schema, with_("stream_defaults", "striping", {}), schema)
     assert not accepts(schema, with_("stream", "b", "tabel", "b.ecsv"), schema)
     assert not accepts(schema, HOST | {"stream": {"b": {"progenitor": PLACE}}}, schema)
+
+
+def test_measurements_are_those_of_the_bound_streams_and_their_tables_are_read_once() -> None:
+    spec = sk.load(with_("stream_defaults", "observable", "phi2_dispersion", {"uniform": [0, 1]}))
+    names = [f"stream.{name}.observable.phi2_dispersion" for name in "abc"]
+    streams, data = spec.measurements(dict(zip(names, [0.1, 0.2, 0.3], strict=True)))
+    bound = spec.bind_all(dict(zip(names, [0.4, 0.5, 0.6], strict=True))).streams
+    assert data == {}
+    pairs = [(*streams[name].values(), *bound[name].observables.values()) for name in "abc"]
+    assert [[each.phi2_dispersion for each in pair] for pair in pairs] == [[0.1, 0.4], [0.2, 0.5], [0.3, 0.6]]
+    assert all(one.phi2 is other.phi2 for one, other in pairs)

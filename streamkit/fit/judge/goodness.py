@@ -14,7 +14,7 @@ from streamkit.components import HostData, Measurement
 from streamkit.errors import OutOfDomain
 from streamkit.fit.judge.chain import at_least_one
 from streamkit.observe import UNNAMED, parts_of, read_data, residuals_of
-from streamkit.runfile import DATA, ONLY, ModelInputs, Spec
+from streamkit.runfile import DATA, ONLY, Spec
 from streamkit.stream import Array, Data, IntArray, Prediction
 
 SAMPLES = 200  # samples that p-values are averaged over
@@ -101,7 +101,7 @@ class Sampled:
 
     def measured(self) -> list[Measured]:
         """Return every measurement at the best sample."""
-        return [*_measured(self.spec.bind_all(self.best), self.predictions, self.add_noise)]
+        return [*self._measured(self.best, self.predictions)]
 
     def at_samples(self, most: int) -> Iterator[list[Measured]]:
         """Return every measurement at samples, as `each`."""
@@ -117,17 +117,32 @@ class Sampled:
             return
         for i in np.unique(np.linspace(0, len(self.blobs) - 1, most).astype(int)):
             try:
-                bound = self.spec.bind_all(self.samples[i])
+                one = [*self._measured(self.samples[i], self._predicted(i))]
             except OutOfDomain:
                 continue
-            made, first = {}, 0
-            for name, prediction in self.predictions.items():
-                mean, variance = (self.blobs[i][each][first:] for each in ("mean", "variance"))
-                made[name] = _replaced(prediction, mean, variance)
-                first += len(prediction.names)
-            one = [*_measured(bound, made, self.add_noise)]
             if all(np.isfinite(each.prediction.mean[each.rows]).all() for each in one):
                 yield int(i), one
+
+    def _predicted(self, i: int) -> dict[str, Prediction]:
+        """Return the predictions of a sample."""
+        made, first = {}, 0
+        for name, prediction in self.predictions.items():
+            mean, variance = (self.blobs[i][each][first:] for each in ("mean", "variance"))
+            made[name] = _replaced(prediction, mean, variance)
+            first += len(prediction.names)
+        return made
+
+    def _measured(self, at: Any, predictions: Mapping[str, Prediction]) -> Iterator[Measured]:
+        """Return every measurement of the streams and of the host at parameters, in the order of the data."""
+        streams, of_host = self.spec.measurements(at)
+        for stream, observables in streams.items():
+            if stream in predictions:
+                parts = parts_of(predictions[stream])
+                for name, observable in observables.items():
+                    path = ".".join([stream] * (stream != ONLY) + [name] * (name != UNNAMED))
+                    yield replace(_with_residuals(path, observable, parts[name], self.add_noise), stream=stream)
+        for name, datum in of_host.items():
+            yield _with_residuals(f"data.{name}", datum, predictions[f"data.{name}"], self.add_noise)
 
 
 def goodness(sampled: Sampled) -> Goodness | None:
@@ -204,18 +219,6 @@ class Measured:
         noise = self.prediction.variance[rows] if self.data.add_noise else np.zeros(len(rows))
         whole = self.data.covariance[np.ix_(rows, rows)] + np.diag(noise)
         return float(away @ np.linalg.solve(whole, away))
-
-
-def _measured(bound: ModelInputs, predictions: Mapping[str, Prediction], add_noise: bool) -> Iterator[Measured]:
-    """Return every measurement of the streams and of the host with its prediction, in the order of the data."""
-    for stream, inputs in bound.streams.items():
-        if stream in predictions:
-            parts = parts_of(predictions[stream])
-            for name, observable in inputs.observables.items():
-                path = ".".join([stream] * (stream != ONLY) + [name] * (name != UNNAMED))
-                yield replace(_with_residuals(path, observable, parts[name], add_noise), stream=stream)
-    for name, datum in bound.data.items():
-        yield _with_residuals(f"data.{name}", datum, predictions[f"data.{name}"], add_noise)
 
 
 def _with_residuals(name: str, measurement: Measurement, prediction: Prediction, add_noise: bool) -> Measured:
