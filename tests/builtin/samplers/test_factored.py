@@ -103,6 +103,12 @@ def test_streams_that_are_all_learned_are_called_where_they_move_the_posterior(m
     assert called([stream(0.2, calls=1000), quiet], 0.2) == [1]  # no calls are left
 
 
+def test_a_move_within_the_noise_of_all_calls_asks_for_no_more_of_them() -> None:
+    assert [missing.moves(moved, 0.13) for moved in (0.09, 0.12, 0.14)] == [False, False, True]
+    assert [missing.moves(0.12, uncertain) for uncertain in (0.0, 0.11, 0.13)] == [True, True, False]
+    assert missing.moves(0.16, uncertain=0.3)  # noise as large as that is no excuse
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("factors", "own", "noise"), [(1, 5, 0.3), (4, 4, 0.5), (12, 5, 0.3)])
 def test_gaussian_factors(factors: int, own: int, noise: float) -> None:

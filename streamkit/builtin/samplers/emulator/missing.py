@@ -13,7 +13,7 @@ from streamkit.builtin.samplers.emulator.populations import Populations
 from streamkit.builtin.samplers.emulator.start import Known
 
 # Standard deviations that a parameter, or a principal axis, may move between rounds, and the fraction by which its
-# width may change.
+# width may change; or as much as the noise of the calls may move it, where that is more and still little enough.
 SETTLED = 0.1
 # What the noise of the calls may move of any mean or width, in standard deviations, in nine of ten cases at most. Many
 # parameters have one that is moved by chance: the standard error of each is about half of it.
@@ -41,7 +41,7 @@ def before_a_test(known: Sequence[Known], samples: Array, moved: float, uncertai
         return "too few rounds"
     if fault := blurred(known):
         return fault
-    if moved >= SETTLED:
+    if moves(moved, uncertain):
         return f"the posterior still moves by {moved:.2f} standard deviations"
     if uncertain >= UNCERTAIN:
         noisiest = max(known, key=lambda each: each.share).factor.name
@@ -50,6 +50,11 @@ def before_a_test(known: Sequence[Known], samples: Array, moved: float, uncertai
     if left := [each.factor.name for each in known if moved_away(each, samples) >= LEFT]:
         return f"the posterior has moved away from the last calls of {', '.join(left)}"
     return ""
+
+
+def moves(moved: float, uncertain: float) -> bool:
+    """Whether the posterior moves by more than is settled, and more than the noise of all calls may move it."""
+    return moved >= max(SETTLED, min(uncertain, UNCERTAIN))
 
 
 def new_calls(known: Sequence[Known]) -> list[int]:
@@ -77,7 +82,7 @@ def to_be_called(known: Sequence[Known], samples: Array, moved: float, uncertain
     """
     left, quiet = with_calls_left(known, max_calls), uncertain < UNCERTAIN
     away = [moved_away(each, samples) if is_learned(each, quiet) else np.inf for each in left]
-    for by in (FAR, LEFT) if moved >= SETTLED else (LEFT,):
+    for by in (FAR, LEFT) if moves(moved, uncertain) else (LEFT,):
         if wanted := [each for each, far in zip(left, away, strict=True) if far >= by]:
             return wanted
     if len(known) > 1 and not np.isfinite(moved):  # of one stream: calls of the first rounds look for other modes
