@@ -7,7 +7,7 @@ import pytest
 from known import KNOWN, OfKnown, off
 from shortened import shorten_walks
 
-from streamkit.builtin.samplers.emulator.agreement import autocorrelation_times
+from streamkit.builtin.samplers.emulator.agreement import OF_OWN, autocorrelation_times, judge
 from streamkit.builtin.samplers.emulator.calls import Calls
 from streamkit.builtin.samplers.emulator.density import Layout, Tangent, Terms, one_factor
 from streamkit.builtin.samplers.emulator.mixture import Mixture
@@ -80,10 +80,11 @@ def test_a_mixture_is_a_density():
     rng = np.random.default_rng(1)
     places = np.concatenate([rng.normal([-3, 0], 0.5, (400, 2)), rng.normal([3, 1], [1.0, 0.3], (600, 2))])
     mixture = Mixture.of(places, rng)
-    axis = np.linspace(-9, 9, 451)
+    axis = np.linspace(-14, 14, 701)
     grid = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
-    total = np.exp(mixture.ln_terms(grid)).sum() * (axis[1] - axis[0]) ** 2 / (2 * np.pi)
-    assert total == pytest.approx(1.0, rel=1e-3)
+    for each in (mixture, mixture.with_long_ends()):
+        total = np.exp(each.ln_terms(grid)).sum() * (axis[1] - axis[0]) ** 2 / (2 * np.pi)
+        assert total == pytest.approx(1.0, rel=1e-3)
     assert mixture.weights[mixture.means[:, 0] > 0].sum() == pytest.approx(0.6, abs=0.01)
 
 
@@ -98,6 +99,48 @@ def test_a_walk_shorter_than_its_time_shows_it():
     assert autocorrelation_times(chain)[0] == pytest.approx(seen, rel=0.15)
     fast = rng.standard_normal((200, 500, 1))
     assert autocorrelation_times(fast)[0] == pytest.approx(1.0, abs=0.2)
+
+
+def walk_by_draws(mixture: Mixture, y, sweeps: int, rng):
+    """Return places (sweeps, n, d) of steps of a mixture on a density with long ends in each coordinate."""
+
+    def ln_density(y):
+        return np.sum(np.log(0.95 * np.exp(-0.5 * y**2) + 0.05 / 4 * np.exp(-0.5 * (y / 4) ** 2)), axis=1)
+
+    walked = []
+    for _ in range(sweeps):
+        new, correction = mixture.step(y, np.full(len(y), np.inf), rng)
+        accepted = np.log(rng.random(len(y))) < ln_density(new) - ln_density(y) + correction
+        y = np.where(accepted[:, None], new, y)
+        walked.append(y)
+    return np.array(walked)
+
+
+def test_a_mixture_with_long_ends_brings_walkers_back_from_those_of_a_density():
+    """Their variance is 0.95 + 0.05 * 4^2 = 1.75; without such ends in the mixture, walkers stay there."""
+    rng = np.random.default_rng(4)
+    wide = rng.random((3200, 3)) < 0.05
+    begin = np.where(wide, 4.0, 1.0) * rng.standard_normal(wide.shape)
+    plain = Mixture.of(begin[:300], rng)
+    times = []
+    for mixture in (plain, plain.with_long_ends()):
+        walked = walk_by_draws(mixture, begin, 200, rng)
+        assert walked.var() == pytest.approx(1.75, rel=0.05)
+        times.append(autocorrelation_times(walked).max())
+    assert times[1] < 0.6 * times[0]
+
+
+def test_of_a_streams_own_coordinates_a_part_of_the_time_counts():
+    rng, r = np.random.default_rng(5), 0.9  # a time of 19
+    chance = rng.standard_normal((400, 100, 3))
+    slow = [chance[0, :, 1]]
+    for each in chance[1:, :, 1]:
+        slow.append(r * slow[-1] + np.sqrt(1 - r**2) * each)
+    walked = np.stack([chance[:, :, 0], np.array(slow), chance[:, :, 2]], axis=2)
+    of_two = Layout(np.array([0]), [np.array([1]), np.array([2])])
+    assert judge(of_two, walked).time == pytest.approx(OF_OWN * 19, rel=0.2)
+    assert judge(Layout(np.array([1]), [np.array([0]), np.array([2])]), walked).time == pytest.approx(19, rel=0.2)
+    assert judge(Layout.of_one(3), walked).time == pytest.approx(19, rel=0.2)
 
 
 def fit(known, seed=1, max_calls=3000, problem=lambda each: each):

@@ -16,6 +16,10 @@ from streamkit.builtin.samplers.emulator.density import Layout
 WINDOW = 5.0
 # Quantities whose autocorrelations are computed at a time.
 AT_A_TIME = 16
+# Part of the autocorrelation times of a stream's own coordinates that counts, where there are several streams. What is
+# asked for is what they share. One walker that stays in the long end of one of some hundred own coordinates would make
+# the walk of all of them ten times as long.
+OF_OWN = 0.4
 # Numbers of a walk that are judged at most: of longer ones every second, third sweep.
 MOST = 5_000_000
 
@@ -75,7 +79,7 @@ class Walked(NamedTuple):
     r_hat
         The largest one.
     time
-        The longest autocorrelation time, in sweeps.
+        The longest autocorrelation time, in sweeps; of the own coordinates of several streams `OF_OWN` of it.
     spread
         The largest (kurtosis - 1) times autocorrelation time: what makes the standard error of a width.
     """
@@ -94,20 +98,24 @@ def judge(layout: Layout, walked: Array) -> Walked:
     on that.
     """
     found, every = [], walked.size // MOST + 1
-    for watched in _watched(layout, walked[::every]):
+    for counts, watched in _watched(layout, walked[::every]):
         times = every * autocorrelation_times(_normal_scores(watched) if layout.several else watched)
         r_hat = agreement(np.stack(np.split(watched, 2, axis=1)))
-        found.append(Walked(r_hat, float(times.max()), float(np.max((kurtosis(watched) - 1) * times))))
+        found.append(Walked(r_hat, counts * float(times.max()), float(np.max((kurtosis(watched) - 1) * times))))
     return Walked(*(max(column) for column in zip(*found, strict=True)))
 
 
-def _watched(layout: Layout, walked: Array) -> Iterator[Array]:
-    """Yield the coordinates of each block with its axes (sweeps, w, q): all at a time would need gigabytes."""
+def _watched(layout: Layout, walked: Array) -> Iterator[tuple[float, Array]]:
+    """Yield the coordinates of each block with its axes (sweeps, w, q), and how much of its times counts.
+
+    All blocks at a time would need gigabytes.
+    """
     if len(layout.shared):
-        yield np.concatenate([walked[:, :, layout.shared], _axes(walked[:, :, layout.shared])], axis=2)
+        yield 1.0, np.concatenate([walked[:, :, layout.shared], _axes(walked[:, :, layout.shared])], axis=2)
     for k, own in enumerate(layout.own):
         if len(own):
-            yield np.concatenate([walked[:, :, own], _axes(walked[:, :, layout.of(k)])], axis=2)
+            block = np.concatenate([walked[:, :, own], _axes(walked[:, :, layout.of(k)])], axis=2)
+            yield OF_OWN if layout.several else 1.0, block
 
 
 def _normal_scores(watched: Array) -> Array:

@@ -15,6 +15,8 @@ from streamkit.builtin.gaussian_mixture import GaussianMixture
 PLACES, COMPONENTS, STEPS = 12, 24, 12
 # What is added to the diagonal of covariances, as a fraction of the whole population's.
 RIDGE = 1e-6
+# Of a mixture with long ends: the fraction of each component that is wider, and by which factor.
+ENDS, WIDER = 0.2, 2.0
 
 
 class Mixture(GaussianMixture):
@@ -35,6 +37,16 @@ class Mixture(GaussianMixture):
             share = np.exp(mixture.ln_shares(white))
         means = mixture.means * spread + places.mean(axis=0)
         return cls(mixture.weights, means, mixture.roots * spread[:, None], mixture.inverses / spread)
+
+    def with_long_ends(self) -> Mixture:
+        """Return the mixture with a part of each component wider.
+
+        A walker in a long end of a density, where the mixture is far lower, would stay there for hundreds of steps.
+        """
+        weights = np.concatenate([(1 - ENDS) * self.weights, ENDS * self.weights])
+        roots, inverses = (np.concatenate([each, wider]) for each, wider in (
+            (self.roots, WIDER * self.roots), (self.inverses, self.inverses / WIDER)))  # fmt: skip
+        return Mixture(weights, np.concatenate([self.means, self.means]), roots, inverses)
 
     def ln_shares(self, y: Array) -> Array:
         """(n, k) ln probability of each component at y (n, d)."""

@@ -61,6 +61,8 @@ class Moves:
         if beside is not None:
             drawn = [np.concatenate([left, self._left(beside, k)]) for k, left in enumerate(self._lefts)]
         self._own = [Mixture.of(each, rng) if each.shape[1] else None for each in drawn]
+        if layout.several:
+            self._own = [each and each.with_long_ends() for each in self._own]
         alone = self._own[0] if self._shared is None and len(self._own) == 1 else None
         self._whole = (alone or Mixture.of(places, rng)) if draws else None
         self._follows, self._of_each = follows, of_each

@@ -194,6 +194,7 @@ def _facts_of_factors(progress: Progress) -> dict[str, str]:
 
 def _verdict(progress: Progress) -> Verdict:
     """Return the verdict of the fresh calls; "do not use" too where none were made, or a mode may be missing."""
+    from streamkit.builtin.samplers.emulator.agreement import OF_OWN
     from streamkit.builtin.samplers.emulator.certificate import MOVED
 
     several = len(progress.known) > 1
@@ -216,14 +217,15 @@ def _verdict(progress: Progress) -> Verdict:
     shown = max(progress.trend_by_chance, MOVED)
     noise = f"{first.noise_offset:+.1f} ± {first.noise_spread:.1f}"
     confirmed = f"the emulators of {len(tested)} factors, each and together" if several else "the emulator"
+    own = f" (of a stream's own parameters {OF_OWN:g} of both at least)" if several else ""
     sentence = (
         f"{sum(each.calls for each in tested)} fresh calls confirm {confirmed}. "
         + ("" if several else f"The noise of the particles alone makes {noise}. ")
         + f"A mean or a width that is off by {shown:.2f} standard deviations would show; the noise of all calls moves "
         f"none by more than {progress.uncertain:.2f}, nine times in ten. Two populations agree, R-hat "
         f"{both.r_hat:.3f}, with {both.independent:.0f} independent samples of walks of "
-        f"{both.sweeps / both.time:.0f} autocorrelation times, each width known to {100 * both.width_error:.0f} %. "
-        + f"{_recalled(found)} {_seen(progress)}{_smallest(progress)}"
+        f"{both.sweeps / both.time:.0f} autocorrelation times{own}, each width known to "
+        f"{100 * both.width_error:.0f} %. {_recalled(found)} {_seen(progress)}{_smallest(progress)}"
     )
     return Verdict(subject, "fine", value, sentence, RULE)
 
