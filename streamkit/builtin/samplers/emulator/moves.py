@@ -56,7 +56,7 @@ class Moves:
         self._layout = layout
         self._follow = [Following.of(places[:, layout.shared], places[:, own]) for own in layout.own]
         self._lefts = [self._left(places, k) for k in range(len(layout.own))]
-        self._shared = Mixture.of(places[:, layout.shared], rng) if len(layout.shared) else None
+        self._shared = Mixture.of(places[:, layout.shared], rng).with_long_ends() if len(layout.shared) else None
         drawn = self._lefts
         if beside is not None:
             drawn = [np.concatenate([left, self._left(beside, k)]) for k, left in enumerate(self._lefts)]
