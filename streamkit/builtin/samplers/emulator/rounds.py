@@ -149,7 +149,7 @@ class Rounds:
                 result = sample(joint, begin_apart(known), seed, most_sweeps=10)
                 if len(known) > 1 and any(len(each.factor.earlier) for each in known):
                     # Nothing of the other streams was known when an earlier run's calls were learned from.
-                    self._learn(known, self._copies(joint, result, [*seed, 5]))
+                    self._learn(known, tempered(joint, result.last, COPIES[1][0], [*seed, 5, 1, 0]))
                     joint = self._joint(known)
             result = go_on(joint, result.last, [*seed, 0])
             copies = self._copies(joint, result, seed)
@@ -169,7 +169,7 @@ class Rounds:
             wanted = to_be_called(known, samples, now.moved, now.uncertain, max_calls)
             before = [each.emulated for each in wanted]
             self._call(known, wanted, copies, max_calls, seed)
-            self._learn(known, copies)
+            self._learn(known, copies[1])
             self._taught(wanted, before, samples)
             turn += 1
 
@@ -222,14 +222,17 @@ class Rounds:
             change = each.emulated.ln_likelihood(mine) - emulated.ln_likelihood(mine)
             each.taught = real_change_of(with_axes(mine), change, np.random.default_rng([self._seed, 16]))
 
-    def _learn(self, known: Sequence[Known], copies: Sequence[Array]) -> None:
-        """Learn every factor from its calls: those at likely places count, by its ln L and what the others say of h."""
+    def _learn(self, known: Sequence[Known], warm: Array) -> None:
+        """Learn every factor from its calls: those at likely places count, by its ln L and what the others say of h.
+
+        The latter is that of samples (2, n, d) of the ``warm`` copy, the first tempered one.
+        """
         for each in known:
-            emulator = each.calls.learn(self._tilt(each, copies))
+            emulator = each.calls.learn(self._tilt(each, warm))
             if emulator is not None:
                 each.emulated = replace(each.emulated, emulator=emulator)
 
-    def _tilt(self, each: Known, copies: Sequence[Array]) -> Array | None:
+    def _tilt(self, each: Known, warm: Array) -> Array | None:
         """(n,) What all factors say of the hosts of a factor's calls, as a Gaussian; None for a single factor.
 
         A stream in tension with the others is learned where the joint posterior is, and not where it alone would be.
@@ -237,7 +240,7 @@ class Rounds:
         shared = each.factor.shared
         if len(self._factors) == 1 or not len(shared):
             return None
-        h = copies[1].reshape(-1, copies[1].shape[2])[:, shared]
+        h = warm.reshape(-1, warm.shape[2])[:, shared]
         covariance = WIDER * np.atleast_2d(np.cov(h.T))
         covariance[np.diag_indices(len(shared))] *= 1 + 1e-9
         calls = each.calls.z[:, np.isin(each.factor.columns, shared)]
@@ -286,7 +289,7 @@ class Rounds:
         beyond = recall(known, now.joint, np.concatenate([*tested.last, *copies[-1]]), [*seed, 7])
         faults += [beyond.fault] if beyond.fault else []
         now = replace(now, trend=trend, trend_by_chance=by_chance, recall=beyond, missing="; ".join(faults))
-        self._learn(known, copies)
+        self._learn(known, copies[1])
         if faults:
             return now
         joint = self._joint(known)
