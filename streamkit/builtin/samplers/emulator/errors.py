@@ -47,7 +47,8 @@ class Errors(NamedTuple):
         uncertain = 2 / points.close.sum() + np.where(more > 0, 2 / max(len(pairs), 1), 0.0)
         lack = np.maximum(residual - (stated + more) * (1 + CHANCE * np.sqrt(uncertain)), 0.0)
         guard = 1 + basis.degree if isinstance(basis, Polynomial) else 1
-        growth = Growth.of(r2, np.sum(limited(squares) - noise - more, axis=1), guard)
+        # Where noise is stated too large, the others' lack of fit would be lost in what it seems to exceed.
+        growth = Growth.of(r2, np.sum((limited(squares) - noise - more)[:, lack > 0], axis=1), guard)
         leverage = basis.leverage(fit.root)
         if isinstance(basis, Kernel):
             said = residual.sum() * leverage.at(basis.features(x)) / (1 - fit.leverage[points.close])

@@ -17,7 +17,7 @@ MEASURED = 0.95
 
 @dataclass(frozen=True)
 class Growth:
-    """Factors of the lack of fit by |x|^2. Their mean over the calls near the data is one.
+    """Factors of the lack of fit by |x|^2: one in the mean of the calls near the data, with those beyond ``far`` there.
 
     Attributes
     ----------
@@ -26,7 +26,8 @@ class Growth:
     far, guard
         |x|^2 beyond which few calls are, and the power beyond it.
     mean
-        What all of this is divided by.
+        What all of this is divided by. What is assumed beyond has no part in it: few calls there would make the lack
+        of fit of all others smaller.
     """
 
     typical: float
@@ -49,7 +50,7 @@ class Growth:
         if outside > inside and apart > 0:
             power = min(float(np.log(outside / inside) / apart), guard) if inside > 0 else guard
         growth = cls(float(r2.mean()) or 1.0, power, float(np.quantile(r2, MEASURED)) or 1.0, guard)
-        return replace(growth, mean=float(growth.at(r2).mean()))
+        return replace(growth, mean=float(growth.at(np.minimum(r2, growth.far)).mean()))
 
     def at(self, r2: Array) -> Array:
         """(n,) Return the factors at |x|^2 (n,)."""

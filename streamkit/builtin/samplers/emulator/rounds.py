@@ -153,7 +153,7 @@ class Rounds:
                     joint = self._joint(known)
             result = go_on(joint, result.last, [*seed, 0])
             copies = self._copies(joint, result, seed)
-            now = self._measured(known, joint, result, seed)
+            now = self._measured(known, joint, result, max_calls, seed)
             over, to_test = self._is_over(known, max_calls), not now.missing
             if to_test:
                 now = self._tested(known, now, copies, max_calls, seed)
@@ -249,7 +249,9 @@ class Rounds:
 
     # What is known
 
-    def _measured(self, known: Sequence[Known], joint: Joint, result: Populations, seed: list[int]) -> Progress:
+    def _measured(
+        self, known: Sequence[Known], joint: Joint, result: Populations, max_calls: int, seed: list[int]
+    ) -> Progress:
         """Return how far the posterior has moved, what is uncertain, and what is missing before a test."""
         samples = every_so_often(result.samples, 4 * SOME)
         moved = moved_by(known, joint, samples, self._watched(), np.random.default_rng([*seed, 10]))
@@ -259,7 +261,12 @@ class Rounds:
             each.own_error = own_error_of(each.emulated.unlimited(), mine)
             each.blur = blur_of(each.emulated, mine)
             each.before = [*each.before, each.emulated][-ROUNDS:]
-        rows = ", ".join(f"{each.factor.name} {len(each.calls)} (error {each.own_error:.1f})" for each in known)
+        more = with_calls_left(known, max_calls)
+        rows = ", ".join(
+            f"{each.factor.name} {len(each.calls)} (error {each.own_error:.1f}"
+            f"{'' if each in more else ', sampler.max_calls are made'})"
+            for each in known
+        )
         missing = before_a_test(known, samples, moved, uncertain)
         self._note(f"calls: {rows}; moved {moved:.2f} sd, uncertain by {uncertain:.2f} sd; {missing or 'tested now'}")
         return Progress(known, joint, result, moved, uncertain, missing=missing)
