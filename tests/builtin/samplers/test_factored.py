@@ -8,8 +8,9 @@ import pytest
 from joints import LinearFactors, factors_of
 from shortened import take_few_steps
 
-from streamkit.builtin.samplers.emulator import missing
+from streamkit.builtin.samplers.emulator import missing, together
 from streamkit.builtin.samplers.emulator.calls import Calls
+from streamkit.builtin.samplers.emulator.density import Emulated
 from streamkit.builtin.samplers.emulator.missing import (
     FAR,
     FEW,
@@ -21,6 +22,8 @@ from streamkit.builtin.samplers.emulator.missing import (
     new_calls,
 )
 from streamkit.builtin.samplers.emulator.rounds import Rounds
+from streamkit.builtin.samplers.emulator.space import Space
+from streamkit.builtin.samplers.emulator.start import Known
 
 pytestmark = pytest.mark.usefixtures("short_walks")
 MEAN, WIDTH = 0.2, 0.15  # standard deviations, fractions
@@ -63,6 +66,34 @@ def test_two_streams_and_data_of_the_host() -> None:
     assert moved_away(first, samples) >= LEFT
     first.factor = replace(first.factor, earlier=first.calls.theta)  # a run that takes the calls of an earlier one
     assert moved_away(first, samples) < LEFT
+
+
+def test_fresh_calls_are_made_until_a_fault_of_all_streams_together_would_show(monkeypatch) -> None:
+    monkeypatch.setattr(together, "MOVED", np.inf)  # one trend in twenty is larger than chance says
+    target, rng = LinearFactors(3, own_of=[2, 2, 0]), np.random.default_rng(1)
+    learned, samples = np.split(rng.multivariate_normal(*target.answer(), size=6000), [2000])
+    known = []
+    for factor in factors_of(target, noise=0.3, seed=1):
+        space = Space(factor.problem)
+        calls = Calls.at(factor.problem, space, learned[:, factor.columns])
+        known.append(Known(factor, calls, Emulated(space, calls.learn(), False), [], 0.0))
+
+    def tested(blind: float, max_calls: int = 9000) -> together.Together:
+        monkeypatch.setattr(together, "BLIND", blind)
+        return together.tested_together(known, samples, factor.shared, max_calls, rng)
+
+    def fresh() -> int:
+        return sum(each.certificate.calls for each in known)
+
+    first, few = tested(blind=1.0), fresh()
+    assert not first.faults
+    assert sum(len(each.calls) for each in known) == 6000 + few  # all are kept
+    second = tested(blind=0.6 * first.by_chance)
+    assert not second.faults
+    assert second.by_chance < 0.6 * first.by_chance
+    assert 1.5 * few < fresh() < 6 * few  # the noise of n calls falls as n^-1/2, so that 2.8 times as many are needed
+    third = tested(blind=0.1 * first.by_chance, max_calls=max(len(each.calls) for each in known) + 300)
+    assert "too few" in third.faults[-1]
 
 
 def shared(calls: list[int], left: list[float], blur: float = 1.0) -> list[int]:
@@ -110,12 +141,14 @@ def test_a_move_within_the_noise_of_all_calls_asks_for_no_more_of_them() -> None
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("factors", "own", "noise"), [(1, 5, 0.3), (4, 4, 0.5), (12, 5, 0.3)])
-def test_gaussian_factors(factors: int, own: int, noise: float) -> None:
+@pytest.mark.parametrize(
+    ("factors", "own", "noise", "most"), [(1, 5, 0.3, 2000), (4, 4, 0.5, 6000), (12, 5, 0.3, 2000)]
+)
+def test_gaussian_factors(factors: int, own: int, noise: float, most: int) -> None:
     target = LinearFactors(factors, own=own)
-    progress, calls = fit(target, noise)
+    progress, calls = fit(target, noise, max_calls=8000)
     assert progress.missing == ""
-    assert max(calls) < 2000
+    assert max(calls) < most
     assert_right(target, progress)
 
 

@@ -18,20 +18,8 @@ import numpy as np
 
 from streamkit import Array, IntArray
 from streamkit.builtin.samplers.emulator.calls import Calls
-from streamkit.builtin.samplers.emulator.certificate import (
-    MOVED,
-    blur_of,
-    certify,
-    changes_by_trend,
-    fresh_calls,
-)
-from streamkit.builtin.samplers.emulator.changes import (
-    change_of,
-    difference,
-    every_so_often,
-    real_change_of,
-    with_axes,
-)
+from streamkit.builtin.samplers.emulator.certificate import blur_of
+from streamkit.builtin.samplers.emulator.changes import difference, every_so_often, real_change_of, with_axes
 from streamkit.builtin.samplers.emulator.density import AtOnce, Emulated, Factor, Joint
 from streamkit.builtin.samplers.emulator.missing import (
     apart,
@@ -49,6 +37,7 @@ from streamkit.builtin.samplers.emulator.recall import Recall, recall
 from streamkit.builtin.samplers.emulator.remembered import given_up
 from streamkit.builtin.samplers.emulator.settled import ROUNDS, moved_by, uncertain_by
 from streamkit.builtin.samplers.emulator.start import SOME, Known, Starter, begin_apart, own_error_of
+from streamkit.builtin.samplers.emulator.together import tested_together
 
 # Inverse temperatures of the copies that new points come from, and the share of each. Tempered ones see regions where
 # the emulator may be too low.
@@ -61,8 +50,6 @@ PAIRED = 0.5
 # Standard deviations by which the posterior that fresh calls have tested and the one that is given may differ: two sets
 # of samples differ by 0.1 by chance.
 CHANGED = 0.15
-# Fraction of trends by chance that may be larger than one that counts.
-LEVEL = 0.05
 # Starts that must lead to all of the posterior, and how many are made for that at most.
 AGREEING, MOST_STARTS = 2, 4
 # Factor by which the covariance of the warm copy is widened for the tilt of the weights.
@@ -292,7 +279,8 @@ class Rounds:
             each.blur = blur_of(each.emulated, every_so_often(tested.samples, 4 * SOME)[:, each.factor.columns])
         if fault := apart(tested) or blurred(known) or self._unseen(known, tested, [*seed, 9]):
             return replace(now, missing=fault)
-        trend, by_chance, faults = self._certified(known, tested, max_calls, seed)
+        samples, rng = every_so_often(tested.samples, 4 * SOME), np.random.default_rng([*seed, 6])
+        trend, by_chance, faults = tested_together(known, samples, self._watched(), max_calls, rng)
         beyond = recall(known, now.joint, np.concatenate([*tested.last, *copies[-1]]), [*seed, 7])
         faults += [beyond.fault] if beyond.fault else []
         now = replace(now, trend=trend, trend_by_chance=by_chance, recall=beyond, missing="; ".join(faults))
@@ -339,31 +327,6 @@ class Rounds:
             return (f"only {seen} of {made} starts of {each.factor.name} lead to all of the posterior: there may be "
                     "modes that none of them saw")  # fmt: skip
         return ""
-
-    def _certified(
-        self, known: Sequence[Known], result: Populations, max_calls: int, seed: list[int]
-    ) -> tuple[float, float, list[str]]:
-        """Test each factor by fresh calls, and keep these; return what all trends move, chance would, and faults."""
-        rng = np.random.default_rng([*seed, 6])
-        samples = every_so_often(result.samples, 4 * SOME)
-        trends, faults, some = [], [], every_so_often(samples, SOME)
-        level = 1 - LEVEL / len(known)
-        for each in known:
-            mine, left = samples[:, each.factor.columns], max_calls - len(each.calls)
-            fresh, trend = fresh_calls(each.emulated, each.factor.problem, mine, rng, level, left)
-            each.certificate = certify(each.emulated, fresh, trend, mine, rng, level, each.calls)
-            faults += [f"{each.factor.name}: {fault}" for fault in each.certificate.faults]
-            each.calls += fresh
-            trends.append(changes_by_trend(each.emulated, fresh, some[:, each.factor.columns], rng))
-        moving, found = with_axes(some[:, self._watched()]), [each for each in trends if each is not None]
-        if not found:
-            return np.nan, np.nan, faults
-        measured, *tries = (change_of(moving, each) for each in np.sum(found, axis=0))  # (1 + tries, n)
-        by_chance = float(np.quantile(tries, 1 - LEVEL))
-        if len(known) > 1 and measured > max(MOVED, by_chance):
-            faults.append(f"trends of the residuals of all streams together move the posterior by {measured:.2f} "
-                          "standard deviations")  # fmt: skip
-        return measured, by_chance, faults
 
 
 def _by_population(result: Populations) -> Array:
