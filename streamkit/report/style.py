@@ -12,6 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.text import Text
+from matplotlib.textpath import TextPath
 from matplotlib.ticker import MaxNLocator, MultipleLocator
 
 from streamkit.stream import Array
@@ -122,9 +123,14 @@ def folded(text: str, letters: int) -> str:
 
 
 def across(names: Iterable[str], inches: float, points: float = 9.0) -> int:
-    """Return the number of columns that a legend of these names may have in a width."""
-    longest = max((len(line) for name in names for line in name.splitlines()), default=0)
-    return max(int(inches / (LETTER * points / 72 * longest + 0.55)), 1)
+    """Return the number of columns that a legend of these names may have in a width.
+
+    With matplotlib's defaults, a sign and its distance from the name are 2.8 sizes of the font wide, and columns are 2
+    apart; letters are drawn a little wider than they are.
+    """
+    em = points / 72
+    widths = [TextPath((0, 0), line, points).get_extents().width / 72 for name in names for line in name.splitlines()]
+    return max(int((inches + 2 * em) / (max(widths, default=0.0) + 5.2 * em)), 1)
 
 
 def text_inches(names: Iterable[str], points: float) -> float:

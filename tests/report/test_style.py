@@ -9,7 +9,7 @@ import pytest
 from matplotlib.figure import Figure
 from PIL import Image
 
-from streamkit.report import angle_ticks, save_picture
+from streamkit.report import across, angle_ticks, save_picture
 
 
 @pytest.mark.parametrize(
@@ -53,3 +53,21 @@ def test_a_pdf_has_no_type_3_fonts(tmp_path: Path) -> None:
     assert b"/CIDFontType2" in content
     save_picture(tmp_path / "a.svg", figure)
     assert "angle along the stream" in (tmp_path / "a.svg").read_text()
+
+
+@pytest.mark.parametrize("points", [7.0, 10.0])
+@pytest.mark.parametrize("names", [["68 %", "95 %", "median"], ["Correa Magnus & Vasiliev 2022"], ["iiii", "WWWWWWWW"]])
+def test_a_legend_has_as_many_columns_as_fit(names: list[str], points: float) -> None:
+    figure, inches = Figure((6.0, 4.0)), 5.7
+    columns = across(names, inches, points)
+
+    def width(columns: int) -> float:
+        handles = figure.subplots().plot(np.zeros((1, 4 * columns)))
+        legend = figure.legend(
+            handles, [max(names, key=len)] * len(handles), ncols=columns, fontsize=points, borderpad=0, loc="center"
+        )
+        figure.draw_without_rendering()
+        return float(legend.get_window_extent().width / figure.dpi)
+
+    assert width(columns) < inches
+    assert width(columns + 1) > 0.95 * inches
