@@ -82,22 +82,22 @@ def test_fresh_calls_are_made_until_a_fault_of_all_streams_together_would_show(m
         calls = Calls.at(factor.problem, space, learned[:, factor.columns])
         known.append(Known(factor, calls, Emulated(space, calls.learn(), False), [], 0.0))
 
-    def tested(blind: float, max_calls: int = 9000) -> together.Together:
+    def tested(blind: float, max_calls: int = 9000) -> tuple[together.Trend, list[str]]:
         monkeypatch.setattr(together, "BLIND", blind)
         return together.tested_together(known, samples, factor.shared, max_calls, rng)
 
     def fresh() -> int:
         return sum(each.certificate.calls for each in known)
 
-    first, few = tested(blind=1.0), fresh()
-    assert not first.faults
+    (first, faults), few = tested(blind=1.0), fresh()
+    assert not faults
     assert sum(len(each.calls) for each in known) == 6000 + few  # all are kept
-    second = tested(blind=0.6 * first.by_chance)
-    assert not second.faults
+    second, faults = tested(blind=0.6 * first.by_chance)
+    assert not faults
     assert second.by_chance < 0.6 * first.by_chance
     assert few < fresh() < 4 * few  # the noise of n calls falls as n^-1/2, and the loudest stream is called most
-    third = tested(blind=0.1 * first.by_chance, max_calls=max(len(each.calls) for each in known) + 300)
-    assert "too few" in third.faults[-1]
+    _, faults = tested(blind=0.1 * first.by_chance, max_calls=max(len(each.calls) for each in known) + 300)
+    assert "too few" in faults[-1]
 
 
 def shared(calls: list[int], left: list[float], blur: float = 1.0) -> list[int]:

@@ -280,7 +280,7 @@ class Rounds:
         if fault := apart(tested) or blurred(known) or self._unseen(known, tested, [*seed, 9]):
             return replace(now, missing=fault)
         samples, rng = every_so_often(tested.samples, 4 * SOME), np.random.default_rng([*seed, 6])
-        trend, by_chance, faults = tested_together(known, samples, self._watched(), max_calls, rng)
+        (trend, by_chance), faults = tested_together(known, samples, self._watched(), max_calls, rng)
         beyond = recall(known, now.joint, np.concatenate([*tested.last, *copies[-1]]), [*seed, 7])
         faults += [beyond.fault] if beyond.fault else []
         now = replace(now, trend=trend, trend_by_chance=by_chance, recall=beyond, missing="; ".join(faults))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -28,18 +27,12 @@ from streamkit.builtin.samplers.emulator.start import SOME, Known
 LEVEL = 0.05
 
 
-class Together(NamedTuple):
-    """What the trends of the fresh calls of all factors would move together, what chance would, and all faults."""
-
-    trend: float
-    by_chance: float
-    faults: list[str]
-
-
 def tested_together(
     known: Sequence[Known], samples: Array, watched: IntArray, max_calls: int, rng: np.random.Generator
-) -> Together:
+) -> tuple[Trend, list[str]]:
     """Test each factor by fresh calls at samples (n, d) of the posterior, and keep these calls and the certificate.
+
+    Return what the trends of all factors move together, and all faults.
 
     What all trends together move are the ``watched`` coordinates. Where that of trends by chance is large, a fault of
     many factors would not show, however little is wrong with each: those by which chance moves most are called again.
@@ -48,30 +41,31 @@ def tested_together(
     for test in tests:
         test.begin(max_calls)
     moving = with_axes(every_so_often(samples, SOME)[:, watched])
-    trend, by_chance = _together(moving, tests)
-    while len(known) > 1 and trend <= max(MOVED, by_chance) and by_chance > BLIND and not any(map(_Test.faults, tests)):
+    several = len(known) > 1
+    trend = measured, by_chance = _together(moving, tests)
+    while several and measured <= max(MOVED, by_chance) and by_chance > BLIND and not any(map(_Test.faults, tests)):
         more = [each for each in tests if each.has_more(max_calls)]
         if not more:
             break
         max(more, key=lambda each: each.gains(moving)).go_on()
-        trend, by_chance = _together(moving, tests)
+        trend = measured, by_chance = _together(moving, tests)
     faults = [f"{test.known.factor.name}: {fault}" for test in tests for fault in test.kept()]
-    if len(known) > 1 and trend > max(MOVED, by_chance):
-        faults.append(f"trends of the residuals of all streams together move the posterior by {trend:.2f} "
+    if several and measured > max(MOVED, by_chance):
+        faults.append(f"trends of the residuals of all streams together move the posterior by {measured:.2f} "
                       "standard deviations")  # fmt: skip
-    elif len(known) > 1 and by_chance > BLIND and not faults:
+    elif several and by_chance > BLIND and not faults:
         faults.append(f"the fresh calls of all streams together are too few: a mean or a width off by {by_chance:.2f} "
                       "standard deviations would not show")  # fmt: skip
-    return Together(trend, by_chance, faults)
+    return trend, faults
 
 
-def _together(moving: Array, tests: Sequence[_Test]) -> tuple[float, float]:
-    """Return what all trends move of samples (n, d), and what 95 of 100 by chance do; NaN where none is known."""
+def _together(moving: Array, tests: Sequence[_Test]) -> Trend:
+    """Return what all trends together move of samples (n, d); NaN where none is known."""
     found = [test.changes for test in tests if test.changes is not None]
     if not found:
-        return np.nan, np.nan
+        return Trend(np.nan, np.nan)
     measured, *tries = (change_of(moving, each) for each in np.sum(found, axis=0))  # (1 + tries, n)
-    return measured, float(np.quantile(tries, 1 - LEVEL))
+    return Trend(measured, float(np.quantile(tries, 1 - LEVEL)))
 
 
 class _Test:
