@@ -2,7 +2,7 @@
 
 A call of a stream serves where its model is the same. The digest of the run file of this stream alone says so. Where
 it differs, because data have changed, some of the calls are made again: where they give the same predictions all of
-them serve, and are compared with the data anew.
+them serve, and are compared with the data anew. Where data were left out, those of the others are kept.
 """
 
 from __future__ import annotations
@@ -25,6 +25,9 @@ from streamkit.stream import Array
 LOG = logging.getLogger("streamkit")
 AGAIN = 3  # calls that are made again where the digests differ
 CLOSE = 1e-9  # difference of their predictions that rounding may make, relative
+# Largest difference of variances and of details where data were left out, relative. An observable may pool the scatter
+# of its particles over all data; it is the noise of the model's own estimate, of which a tenth changes no likelihood.
+POOLED = 0.1
 
 
 def take_earlier(
@@ -50,7 +53,10 @@ def take_earlier(
         same = other.full.spec.digest(sampler=False) == each.full.spec.digest(sampler=False)
         if joint is not None and (same or one):
             found = {**part_of_joint(joint, list(there.values()), other), **found}
-        if not same and not _same_predictions(each, found):
+        fewer = len(each.full.data.values) < len(other.full.data.values)
+        if not same and fewer:
+            found = _without_left_out(each, other, found)
+        if not same and not _same_predictions(each, found, POOLED if fewer else CLOSE):
             LOG.warning("%s: the calls of %s are of another model, and do not serve", directory, each.name)
             continue
         if not same:
@@ -118,13 +124,37 @@ def _failed(joint: EvaluationCache, factors: Sequence[FactorPosterior]) -> dict[
     return found
 
 
-def _same_predictions(factor: FactorPosterior, found: dict[bytes, Evaluation]) -> bool:
-    """Make some of the calls again; return whether they give the same predictions."""
+def _without_left_out(
+    factor: FactorPosterior, other: FactorPosterior, found: dict[bytes, Evaluation]
+) -> dict[bytes, Evaluation]:
+    """Return evaluations of a factor of an earlier run with the data that are left in it now; none if others are.
+
+    A call that is made again tells which data are left: those with the same predicted mean.
+    """
+    point, before = next(((np.frombuffer(key), each) for key, each in found.items() if not each.reason), (None, None))
+    if point is None or before is None or (now := factor.full.evaluate(point)).reason:
+        return {}
+    alike = np.isclose(now.mean[:, None], before.mean, CLOSE, 0)
+    if not (alike.sum(axis=1) == 1).all():
+        return {}
+    rows = np.argmax(alike, axis=1)
+    other.details_at(point)
+    details = other.full.comparison.details_of_rows(rows)
+    return {
+        key: factor.full.rejected(each.reason) if each.reason else
+        replace(each, mean=each.mean[rows], variance=each.variance[rows], details=each.details[details])
+        for key, each in found.items()
+    }  # fmt: skip
+
+
+def _same_predictions(factor: FactorPosterior, found: dict[bytes, Evaluation], scatter: float) -> bool:
+    """Make some of the calls again; return whether they give the same means, and the same scatter within a fraction."""
     good = [(np.frombuffer(key), each) for key, each in found.items() if not each.reason]
     for point, before in good[:: max(len(good) // AGAIN, 1)][:AGAIN]:
         now = factor.full.evaluate(point)
-        pairs = [(getattr(now, name), getattr(before, name)) for name in ("mean", "variance", "details")]
-        if now.reason or not all(a.shape == b.shape and np.allclose(a, b, CLOSE, 0, equal_nan=True) for a, b in pairs):
+        pairs = [(now.mean, before.mean, CLOSE), (now.variance, before.variance, scatter),
+                 (now.details, before.details, scatter)]  # fmt: skip
+        if now.reason or not all(a.shape == b.shape and np.allclose(a, b, c, 0, equal_nan=True) for a, b, c in pairs):
             return False
     return bool(good)
 

@@ -10,7 +10,7 @@ import numpy as np
 from streamkit.components import Measurement
 from streamkit.model import Measured, Model, Observation
 from streamkit.observe import read_data
-from streamkit.stream import Array, BoolArray, Prediction
+from streamkit.stream import Array, BoolArray, IntArray, Prediction
 
 
 @dataclass(frozen=True)
@@ -96,6 +96,19 @@ class Comparison:
         arrays = [np.asarray(each[name]) for each, reads in details for name in reads]
         self._shapes = self._shapes or [array.shape for array in arrays]
         return np.concatenate([np.empty(0), *(array.ravel() for array in arrays)])
+
+    def details_of_rows(self, rows: IntArray) -> IntArray:
+        """Return which details are left with some of the data: those of these data, and those of no datum."""
+        left, start, shapes = [np.empty(0, dtype=int)], 0, iter(self._shapes)
+        for part in self._parts:
+            own = rows[(rows >= part.rows.start) & (rows < part.rows.stop)] - part.rows.start
+            for _ in part.reads:
+                shape = next(shapes)
+                index = start + np.arange(int(np.prod(shape))).reshape(shape)
+                start += index.size
+                is_of_data = shape[:1] == (part.rows.stop - part.rows.start,)
+                left.append((index[own] if is_of_data else index).ravel())
+        return np.concatenate(left)
 
     def ln_likelihood(self, points: Array, mean: Array, variance: Array, details: Array) -> Array:
         """(n,) Return ln likelihood at points (n, d) for predictions (n, m), their variances and details (n, k).

@@ -138,6 +138,36 @@ def test_calls_are_compared_with_changed_data_anew(run, tmp_path: Path) -> None:
         assert each.ln_likelihood == pytest.approx(host.full.evaluate(np.frombuffer(key)).ln_likelihood, rel=1e-9)
 
 
+def test_calls_serve_where_data_are_left_out_and_not_where_others_are_added(run) -> None:
+    out, before = run
+
+    def spec_with(distance):
+        document = several("a", "b", data=CURVE) | {"sampler": {"kind": "emulator"}}
+        for name in ("a", "b"):
+            document["stream"][name]["stripping"]["particles"] = 60
+        document["stream"]["b"]["observable"]["distance"] = distance
+        return sk.load(document)
+
+    left = spec_with({"phi1": [5], "distance": [24.5], "error": [1]})
+    factors = factor_posteriors(left, left)
+    storages = {each.name: Storage() for each in factors}
+    assert take_earlier(factors, storages, out, before.spec)["b"] == calls_in(out / "calls.b.journal")
+    stream = factors[1]
+    calls = storages["b"].earlier.all().items()
+    for key, each in list(calls)[::20]:
+        again = stream.full.evaluate(np.frombuffer(key))
+        np.testing.assert_allclose(each.mean, again.mean, rtol=1e-9)
+        assert len(each.mean) == len(each.variance) == 3  # a distance and two velocities
+        assert each.reason == again.reason
+        if not each.reason:
+            assert each.details.shape == again.details.shape
+            assert each.ln_likelihood == pytest.approx(again.ln_likelihood, abs=0.05)  # the pooled scatter differs
+
+    moved = spec_with({"phi1": [4], "distance": [24.5], "error": [1]})
+    factors = factor_posteriors(moved, moved)
+    assert take_earlier(factors, {each.name: Storage() for each in factors}, out, before.spec)["b"] == 0
+
+
 def test_calls_of_another_model_do_not_serve(run, caplog: pytest.LogCaptureFixture) -> None:
     out, before = run
     changed = before.spec.with_values({"stream.b.stripping.sigma": 3.0})
