@@ -16,6 +16,7 @@ class Spherical(Potential):
     Both get the squared radius, which costs no square root, and no time: the fields by name follow.
     """
 
+    is_spherical: ClassVar[bool] = True
     _force_method: ClassVar[str] = "pull"
     _energy_method: ClassVar[str] = "well"
     _place_arguments: ClassVar[tuple[str, ...]] = ("r2",)

@@ -26,6 +26,7 @@ class Part(Protocol):
     """The parts of a potential that this module uses."""
 
     kind: ClassVar[str]
+    is_spherical: ClassVar[bool]  # about its centre
 
     @classmethod
     def parameters(cls) -> dict[str, Unit]:
@@ -72,7 +73,8 @@ class Total:
         """(nr,) Mass in Msun inside radii (nr,) in kpc: ``r^2 <-a_r> / G``, a mean."""
         radii = np.asarray(radii, dtype=float)
         directions, weights = sphere(POLAR, AZIMUTH)
-        return np.asarray(radii**2 / G * (self._inward(directions, radii) @ weights))
+        pull = np.broadcast_to(self._inward(directions, radii), (len(radii), len(weights)))
+        return np.asarray(radii**2 / G * (pull @ weights))
 
     def circular_velocity(self, radii: Array) -> Array:
         """(nr,) Circular velocity in km/s at radii (nr,) in kpc in the plane: ``sqrt(R <-a_R>)``."""
@@ -134,7 +136,12 @@ class Total:
             return np.asarray(np.where(limit, np.sqrt(2 * np.maximum(farther - here, 0.0)), np.inf))
 
     def _inward(self, directions: Array, radii: Array) -> Array:
-        """(nr, k) Inward radial acceleration at radii (nr,) along directions (3, k)."""
+        """(nr, k) Inward radial acceleration at radii (nr,) along directions (3, k).
+
+        Where all potentials are spherical, about the origin, one direction is as good as all, and is the only one.
+        """
+        if all(each.is_spherical and not each.motion().moves[1] for each in self.potentials):
+            directions = directions[:, :1]
         places = np.ascontiguousarray(directions[:, None, :] * radii[:, None])
         total = self.acceleration(places.reshape(3, -1)).reshape(places.shape)
         return np.asarray(-np.einsum("crk,ck->rk", total, directions))

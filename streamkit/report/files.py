@@ -92,7 +92,7 @@ def save_table(path: Path, table: QTable, form: str = "ascii.ecsv") -> None:
     save(path, lambda part: part.write_bytes(text.getvalue().encode()))
 
 
-COLOURS = 256  # of a PNG
+COLOURS, DPI = 256, 200  # of a PNG
 
 
 def save_picture(path: Path, figure: Figure) -> None:
@@ -104,13 +104,16 @@ def save_picture(path: Path, figure: Figure) -> None:
 
 
 def _write_picture(path: Path, figure: Figure) -> None:
-    figure.savefig(path, dpi=200)
-    if path.suffix == ".png":
-        from PIL import Image
+    if path.suffix != ".png":
+        figure.savefig(path, dpi=DPI)
+        return
+    from PIL import Image
 
-        with Image.open(path) as image:
-            # particles are dots of many shades: 256 colours look the same, in a third of the bytes
-            image.convert("RGB").quantize(COLOURS).save(path, optimize=True, dpi=(200, 200))
+    pixels = BytesIO()
+    figure.savefig(pixels, dpi=DPI, format="png", pil_kwargs={"compress_level": 0})  # it is read again at once
+    with Image.open(pixels) as image:
+        # particles are dots of many shades: 256 colours look the same, in a third of the bytes
+        image.convert("RGB").quantize(COLOURS).save(path, dpi=(DPI, DPI))
 
 
 def save_pictures(path: Path, figure: Figure, pdf: bool) -> None:
