@@ -41,7 +41,7 @@ MANY_PARAMETERS = 12  # largest number of parameters of several streams in a pic
 FEW_RADII = 4  # largest number of radii of the data that are marked by a line each
 POINTS = 5.0  # of a letter of a name, on average and amply, at 8 points
 WIDE = 6.0  # inches: pictures of profiles
-NAMED = 12  # largest number of ranges of radii with a name each
+NAMED, MANY_RANGES = 12, 0.3  # most ranges of radii with a name each; the height of more, as a fraction of the axes
 
 
 def reach(results: Results) -> tuple[float, float]:
@@ -217,13 +217,15 @@ def height_of_median(axes: Axes, radius: float) -> float:
 
 
 def _draw_ranges(axes: Axes, sources: Mapping[str, Mapping[str, float]]) -> None:
-    """Draw the range of radii of each source as a line along the bottom; a few have their names beside them."""
+    """Draw the range of radii of each source as a line: a few along the bottom, with names, many where no median is."""
     place, figure = axes.get_xaxis_transform(), axes.get_figure(root=True)
     size = 8 if figure is not None and figure.get_figwidth() >= WIDE else 6
     ranges = sorted((min(of_source.values()), max(of_source.values()), name) for name, of_source in sources.items())
     few = len(ranges) <= NAMED
-    for row, (first, last, name) in enumerate(ranges):
-        height = 0.03 + (0.045 if few else 0.4 / len(ranges)) * row
+    heights = 0.03 + (0.045 if few else MANY_RANGES / len(ranges)) * np.arange(len(ranges))
+    if not few and np.mean([height_of_median(axes, first) for first, _, _ in ranges]) < 0.5:
+        heights = 1 - heights
+    for height, (first, last, name) in zip(heights.tolist(), ranges, strict=True):
         axes.plot([first, last], [height, height], color="black", lw=1.2 if few else 0.7, marker="|",
                   ms=6 if few else 2, transform=place)  # fmt: skip
         if not few:

@@ -165,6 +165,19 @@ def test_many_radii_of_data_are_drawn_as_ranges(monkeypatch):
 
 
 @pytest.mark.parametrize("draw", [mass_profile, rotation_curve])
+def test_the_ranges_of_thirty_streams_do_not_cross_the_median(draw, monkeypatch):
+    sources = {str(k): {"a": 5.0 + k, "b": 8.0 + 1.5 * k} for k in range(30)}
+    monkeypatch.setattr(figures, "_data_radii", lambda _: sources)
+    (axes,) = draw(synthetic(freed())).axes
+    ranges = [line for line in axes.lines if line.get_marker() == "|"]
+    assert len(ranges) == 30
+    for line in ranges:
+        (height, _), radii = line.get_ydata(), line.get_xdata()
+        above = [height > figures.height_of_median(axes, r) for r in np.linspace(*radii, 9)]
+        assert all(above) or not any(above)
+
+
+@pytest.mark.parametrize("draw", [mass_profile, rotation_curve])
 def test_the_names_of_data_do_not_cross_the_median(draw, monkeypatch):
     sources = {"apocentres": {"leading": 12.0, "trailing": 60.0}, "rotation curve": {"last": 25.0}}
     monkeypatch.setattr(figures, "_data_radii", lambda _: sources)
