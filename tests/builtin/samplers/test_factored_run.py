@@ -1,7 +1,9 @@
 """A run of several streams by the emulator: calls of each stream alone, stored for each, and resumed."""
 
+import multiprocessing
 import shutil
 from pathlib import Path
+from time import monotonic, sleep
 
 import numpy as np
 import pytest
@@ -84,6 +86,35 @@ def test_two_workers_give_the_same_samples_from_one_queue(run) -> None:
     _, results = run
     again = sk.run(results.spec, workers=2, progress=False)
     np.testing.assert_array_equal(again.samples, results.samples)
+
+
+def test_a_run_killed_at_any_time_is_the_run_that_was_not(run, tmp_path: Path) -> None:
+    """SIGKILL at its start and while the journals of three factors grow, one of them cut within a record after it."""
+    out, results = run
+    copy, rng = tmp_path / "killed", np.random.default_rng(1)
+    options = {"out": copy, "workers": 2, "progress": False, "products": False}
+
+    def stored() -> int:
+        return sum(calls_in(path) for path in copy.glob("*calls.*.journal"))
+
+    for wanted in (0, 1, 60, 150, 300):
+        process = multiprocessing.get_context("fork").Process(
+            target=sk.run, args=(results.spec,), kwargs=options | {"resume": copy.exists()}
+        )
+        process.start()
+        end = monotonic() + 120
+        while stored() < wanted and process.is_alive() and monotonic() < end:
+            sleep(0.05)
+        sleep(rng.uniform(0, 0.5))
+        process.kill()
+        process.join()
+        assert stored() >= wanted
+    whole = (copy / "calls.a.journal").read_bytes()
+    (copy / "calls.a.journal").write_bytes(whole[:-7])
+    again = sk.run(results.spec, **options, resume=True)
+    np.testing.assert_array_equal(again.samples, results.samples)
+    for path in out.glob("calls.*.journal"):
+        assert calls_in(copy / path.name) == calls_in(path)
 
 
 def test_calls_of_another_stream_in_its_file_are_refused(run, tmp_path: Path) -> None:
