@@ -120,9 +120,10 @@ class Kernel:
 def squared_exponential(a: Array, b: Array, lengths: Array) -> Array:
     """(n, q) exp(-r^2 / 2) between points a (n, c) and b (q, c), r in units of the lengths."""
     a, b = a / lengths, b / lengths
-    near = a @ b.T  # then in place: an array of this size costs as much as its exponentials
-    near -= 0.5 * np.sum(a**2, axis=1)[:, None] + 0.5 * np.sum(b**2, axis=1)
-    np.minimum(near, 0.0, out=near)
+    # the squares as two more coordinates: an array of this size costs as much as its exponentials
+    a = np.column_stack([a, -0.5 * np.sum(a**2, axis=1), np.ones(len(a))])
+    b = np.column_stack([b, np.ones(len(b)), -0.5 * np.sum(b**2, axis=1)])
+    near = a @ b.T
     return np.exp(near, out=near)
 
 
