@@ -109,9 +109,8 @@ def _write_picture(path: Path, figure: Figure) -> None:
         return
     from PIL import Image
 
-    pixels = BytesIO()
-    figure.savefig(pixels, dpi=DPI, format="png", pil_kwargs={"compress_level": 0})  # it is read again at once
-    with Image.open(pixels) as image:
+    figure.savefig(path, dpi=DPI, pil_kwargs={"compress_level": 1})  # it is read again at once
+    with Image.open(path) as image:
         # particles are dots of many shades: 256 colours look the same, in a third of the bytes
         image.convert("RGB").quantize(COLOURS).save(path, dpi=(DPI, DPI))
 
