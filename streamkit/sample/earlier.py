@@ -26,7 +26,7 @@ LOG = logging.getLogger("streamkit")
 AGAIN = 3  # calls that are made again where the digests differ
 CLOSE = 1e-9  # difference of their predictions that rounding may make, relative
 # Largest difference of variances and of details where data were left out, relative. An observable may pool the scatter
-# of its particles over all data; it is the noise of the model's own estimate, of which a tenth changes no likelihood.
+# of its particles over all data. That is the noise of the model's own estimate: a tenth of it hardly changes ln L.
 POOLED = 0.1
 
 
