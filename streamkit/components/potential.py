@@ -44,8 +44,9 @@ class Potential(Changing):
     evaluation: ClassVar[Literal["exact", "expansion"]] = "exact"
     """Default of the field ``expansion`` of a potential that is not compiled: an expansion, or the potential itself."""
 
-    # The methods that an author writes, and their arguments before the parameters. `Spherical` replaces them.
     is_spherical: ClassVar[bool] = False  # as a `Spherical` is
+
+    # The methods that an author writes, and their arguments before the parameters. `Spherical` replaces them.
     _force_method: ClassVar[str] = "acceleration"
     _energy_method: ClassVar[str] = "potential"
     _place_arguments: ClassVar[tuple[str, ...]] = ("x", "y", "z", "t")

@@ -53,13 +53,13 @@ def take_earlier(
         same = other.full.spec.digest(sampler=False) == each.full.spec.digest(sampler=False)
         if joint is not None and (same or one):
             found = {**part_of_joint(joint, list(there.values()), other), **found}
-        fewer = len(each.full.data.values) < len(other.full.data.values)
-        if not same and fewer:
-            found = _without_left_out(each, other, found)
-        if not same and not _same_predictions(each, found, POOLED if fewer else CLOSE):
-            LOG.warning("%s: the calls of %s are of another model, and do not serve", directory, each.name)
-            continue
         if not same:
+            fewer = len(each.full.data.values) < len(other.full.data.values)
+            if fewer:
+                found = _without_left_out(each, other, found)
+            if not _same_predictions(each, found, POOLED if fewer else CLOSE):
+                LOG.warning("%s: the calls of %s are of another model, and do not serve", directory, each.name)
+                continue
             found = _compared_anew(each, found)
         earlier.take(found)
         taken[each.name] = len(found)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -97,16 +98,23 @@ class Comparison:
         self._shapes = self._shapes or [array.shape for array in arrays]
         return np.concatenate([np.empty(0), *(array.ravel() for array in arrays)])
 
+    def _places(self) -> Iterator[tuple[Part, dict[str, tuple[slice, tuple[int, ...]]]]]:
+        """Yield each part, and where its details are among all and their shapes, by name."""
+        start, shapes = 0, iter(self._shapes)
+        for part in self._parts:
+            places = {}
+            for name in part.reads:
+                shape = next(shapes)
+                places[name] = slice(start, start := start + int(np.prod(shape))), shape
+            yield part, places
+
     def details_of_rows(self, rows: IntArray) -> IntArray:
         """Return which details are left with some of the data: those of these data, and those of no datum."""
-        left, start, shapes = [np.empty(0, dtype=int)], 0, iter(self._shapes)
-        for part in self._parts:
+        every, left = np.arange(self.details_size), [np.empty(0, dtype=int)]
+        for part, places in self._places():
             own = rows[(rows >= part.rows.start) & (rows < part.rows.stop)] - part.rows.start
-            for _ in part.reads:
-                shape = next(shapes)
-                index = start + np.arange(int(np.prod(shape))).reshape(shape)
-                start += index.size
-                is_of_data = shape[:1] == (part.rows.stop - part.rows.start,)
+            for where, shape in places.values():
+                index, is_of_data = every[where].reshape(shape), shape[:1] == (part.rows.stop - part.rows.start,)
                 left.append((index[own] if is_of_data else index).ravel())
         return np.concatenate(left)
 
@@ -115,13 +123,9 @@ class Comparison:
 
         The variances are added to those of the data, whatever the run file says of the model's own noise.
         """
-        total, start, shapes = np.zeros(len(points)), 0, iter(self._shapes)
-        for part in self._parts:
-            arrays = {}
-            for name in part.reads:
-                shape = next(shapes)
-                stop = start + int(np.prod(shape))
-                arrays[name], start = details[:, start:stop].reshape(len(points), *shape), stop
+        total = np.zeros(len(points))
+        for part, places in self._places():
+            arrays = {name: details[:, where].reshape(len(points), *shape) for name, (where, shape) in places.items()}
             names = tuple(str(i) for i in range(len(part.measured.data.values)))
             prediction = Prediction(names, mean[:, part.rows], variance[:, part.rows], details=arrays)
             total += _compare(part, points, prediction)
