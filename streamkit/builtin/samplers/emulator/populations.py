@@ -218,7 +218,7 @@ class Population:
             self._follows = self._follows and (not follow or moves.rates[3] >= TOO_RARE_TO_FOLLOW)
         return self
 
-    def _sweep(self, moves: Moves, follow: bool = True) -> None:
+    def _sweep(self, moves: Moves, follow: bool) -> None:
         self.z, self.terms = moves.sweep(self._density, self.z, self.terms, max(self.beta, 1e-9), self._rng, follow)
 
     def walk(self, sweeps: int, moves: Moves, followed: int = 1) -> tuple[Array, list[Terms]]:
