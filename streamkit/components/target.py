@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 import numpy as np
 
 from streamkit.components.samples import Ensemble, Evaluations
 from streamkit.stream import Array, BoolArray, Data, IntArray
+
+T = TypeVar("T")
 
 
 class PriorDensity(Protocol):
@@ -74,10 +76,11 @@ class Target(Protocol):
     def call_factors(self, points: Mapping[str, Array]) -> None:
         """Call several factors by name at points (n, p), from one queue; their `predictions` cost nothing then."""
 
-    def spread(self, functions: Sequence[Callable[[Array], Array]]) -> Callable[[Sequence[Array]], list[Array]]:
-        """Return several functions as one, for arguments of each, which as many processes evaluate as the run may use.
+    def at_once(self, tasks: Sequence[Callable[[], T]], /) -> list[T]:
+        """Run tasks in as many processes as the run may use; return their results, in order.
 
-        The functions may call `compare`. Each process keeps them as they are at the second evaluation.
+        The tasks may call `compare`. Their results are pickled. What a task changes in its process may be lost: without
+        forks, or with one worker, they run here, one after another.
         """
 
     @property

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import groupby
+from typing import TypeVar
 
 import numpy as np
 
 from streamkit.components import TargetFactor
 from streamkit.errors import ComponentError
 from streamkit.sample.calls.comparison import Comparison
+from streamkit.sample.calls.forks import in_forks
 from streamkit.sample.calls.signals import Stopped
-from streamkit.sample.calls.spread import Function, Spread
 from streamkit.sample.calls.workers import Workers
 from streamkit.sample.progress import SamplingProgress
 from streamkit.sample.store.storage import Storage
 from streamkit.stream import Array, BoolArray
+
+T = TypeVar("T")
 
 PART = 256  # points sent to the workers at a time
 
@@ -43,9 +46,9 @@ class Emulating:
                 target.storage.evaluations.write(at_once=False)
                 target.show(1)
 
-    def spread(self, functions: Sequence[Function]) -> Spread:
-        """Return functions as one that evaluates all at a time: see `streamkit.Target`."""
-        return Spread(functions, self._calls.processes)
+    def at_once(self, tasks: Sequence[Callable[[], T]], /) -> list[T]:
+        """Run tasks in forks of this process: see `streamkit.Target`."""
+        return in_forks(tasks, self._calls.processes, self._at_work)
 
     def _missing(self, points: Array) -> list[Array]:
         """Return those of points (n, d) that have not been evaluated with all particles, here or in an earlier run."""
@@ -71,11 +74,15 @@ class Emulating:
             if place is None:
                 raise ComponentError("Target.compare: no point has been evaluated before, with a likelihood")
             comparison.read_shapes(place)
-        if self._calls.stop:  # a sampler may be at work for minutes between two calls
+        self._at_work()
+        return comparison.ln_likelihood(points, mean, variance, details)
+
+    def _at_work(self) -> None:
+        """Show that the sampler is at work, which may be for minutes between two calls; raise `Stopped` if asked to."""
+        if self._calls.stop:
             raise Stopped(self._calls.stop)
         if self.display.waits:
             self.show(0, self.display.starts)
-        return comparison.ln_likelihood(points, mean, variance, details)
 
     def _compared(self) -> Comparison:
         if self._comparison is None:

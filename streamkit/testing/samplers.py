@@ -6,12 +6,15 @@ import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from itertools import islice
+from typing import TypeVar
 
 import numpy as np
 
 import streamkit as sk
 from streamkit.testing import common
 from streamkit.testing.common import Check, require
+
+T = TypeVar("T")
 
 RHO, SD = 0.6, 0.4
 INVERSE = np.linalg.inv(SD**2 * np.array([[1.0, RHO], [RHO, 1.0]]))
@@ -62,9 +65,9 @@ class Gaussian:
     def call_factors(self, points: Mapping[str, sk.Array]) -> None:
         """Call no factors: there are none."""
 
-    def spread(self, functions: Sequence[Callable[[sk.Array], sk.Array]]) -> Callable[..., list[sk.Array]]:
-        """Return functions as one, which evaluates one after the other."""
-        return lambda arguments: [function(each) for function, each in zip(functions, arguments, strict=True)]
+    def at_once(self, tasks: Sequence[Callable[[], T]], /) -> list[T]:
+        """Run tasks one after another."""
+        return [task() for task in tasks]
 
     def predictions(self, points: sk.Array, small: bool = False) -> sk.Evaluations:
         """Return the parameters as predictions without noise."""

@@ -134,12 +134,14 @@ def joint(count: int) -> dict[str, Any]:
     sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
     from joints import LinearFactors
 
-    from streamkit.builtin.samplers.emulator.populations import OF_EACH, Population
+    from streamkit.builtin.samplers.emulator.moves import Moves
+    from streamkit.builtin.samplers.emulator.population import Population
+    from streamkit.builtin.samplers.emulator.populations import OF_EACH
 
     factors, rng = LinearFactors(count, shared=5, own=5), np.random.default_rng(1)
     places = rng.multivariate_normal(*factors.answer(), 4 * WALKERS)
-    walkers = Population(factors, places, rng).at(WALKERS, 1.0)
-    moves, spent = walkers.moves(places, of_each=OF_EACH), []
+    walkers = Population.of(factors, places, rng).at(WALKERS, 1.0)
+    moves, spent = Moves(factors.layout, places, rng, of_each=OF_EACH), []
     for step in (
         lambda: moves.sweep(factors, walkers.z, walkers.terms, 1.0, rng),
         lambda: moves._follow_surface(factors, walkers.z, walkers.terms, 1.0, rng),

@@ -1,6 +1,7 @@
 """The emulator: its regression and its own error, whole posteriors from few calls, and what its certificate refuses."""
 
 from collections import deque
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +12,7 @@ from shortened import shorten_walks
 
 from streamkit import StreamkitError
 from streamkit.builtin.samplers.emulator import learn as learning
+from streamkit.builtin.samplers.emulator.at_once import in_turn, side_by_side
 from streamkit.builtin.samplers.emulator.calls import Calls
 from streamkit.builtin.samplers.emulator.certificate import certify, fresh_calls, trend_of
 from streamkit.builtin.samplers.emulator.changes import change_of, difference, with_axes
@@ -19,7 +21,7 @@ from streamkit.builtin.samplers.emulator.kernel import learn_kernel, squared_exp
 from streamkit.builtin.samplers.emulator.of_target import LikelihoodOnly
 from streamkit.builtin.samplers.emulator.pairs import paired, pairs_of
 from streamkit.builtin.samplers.emulator.polynomial import regress
-from streamkit.builtin.samplers.emulator.populations import Population
+from streamkit.builtin.samplers.emulator.population import Population
 from streamkit.builtin.samplers.emulator.rounds import Rounds
 from streamkit.builtin.samplers.emulator.space import Space
 from streamkit.builtin.samplers.emulator.start import Starter
@@ -153,8 +155,8 @@ def walked(emulated, begin, seed=1):
     """(n, d) Samples z of one emulated posterior, from places (n, d)."""
     problem = emulated.emulator.problem
     density = Joint([one_factor(problem, problem)], [emulated])
-    population = Population(density, begin, np.random.default_rng(seed)).choose(128, 1.0).settle(20)
-    return population.walk(30, population.moves())[0].reshape(-1, problem.size)
+    population = Population.of(density, begin, np.random.default_rng(seed)).choose(128, 1.0).settle(density, 20)
+    return population.walk(density, 30, population.moves())[0].reshape(-1, problem.size)
 
 
 @pytest.mark.parametrize(
@@ -290,8 +292,9 @@ def numbered(monkeypatch):
     """A problem with few particles knows the number of its start."""
 
     def one(self, factor, number, usual=Starter.one):
-        factor.small.start = number
-        return usual(self, factor, number)
+        small = copy(factor.small)
+        small.start = number
+        return usual(self, replace(factor, small=small), number)
 
     monkeypatch.setattr(Starter, "one", one)
 
@@ -319,7 +322,7 @@ def by_late(first, max_calls):
 def test_a_start_that_its_noise_keeps_from_arriving_ends():
     notes = []
     factor = one_factor(OfToy(Curved()), OfToy(Curved(), 60, noise=10.0, stated=False))
-    start = Starter(False, notes.append).one(factor, 0)
+    (start,) = side_by_side([Starter(False, notes.append).one(factor, 0)], in_turn)
     errors = [float(note.split("error is ")[1].split()[0]) for note in notes]
     assert errors[-1] > 1.5
     assert len(errors) < 30  # of 40 waves; the calls go on with all particles

@@ -99,9 +99,9 @@ def changed(run, value, tmp_path):
 
 
 def test_calls_are_compared_with_changed_data(run, tmp_path):
-    """Only fresh calls are new. A distance larger by an error moves the apocentre, and so what is fitted."""
+    """Only fresh calls are new. A distance larger by two errors moves the apocentre, and so what is fitted."""
     results = changed(
-        run, {"observable.distance": FIT["observable"]["distance"] | {"distance": [25.6, 25.5]}}, tmp_path
+        run, {"observable.distance": FIT["observable"]["distance"] | {"distance": [26.6, 26.5]}}, tmp_path
     )
     assert "ended by its own rule" in results.note()
     assert calls_in(tmp_path / "new" / "earlier_calls.journal") == run[1].calls

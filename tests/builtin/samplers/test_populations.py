@@ -55,7 +55,7 @@ def test_trajectories_along_the_surface_leave_a_gaussian_as_it_is() -> None:
     z = rng.multivariate_normal(mean, covariance, 2000)
     moves = Moves(target.layout, z, rng)
     moved, terms = moves._follow_surface(target, z, target.terms(z), 1.0, rng)
-    assert moves.accepted[3] > 0.85
+    assert moves.rates[3] > 0.85
     assert_right(moved, mean, covariance)
     np.testing.assert_allclose(terms.total(1.0), target.terms(moved).total(1.0))
 

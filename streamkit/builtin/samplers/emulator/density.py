@@ -6,7 +6,7 @@ the own parameters s_k of each stream. A posterior of one stream is the case K =
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple, Protocol
 
@@ -20,8 +20,6 @@ from streamkit.builtin.samplers.emulator.space import Space
 # Most that the emulator's own error adds to ln L. Without a limit, places far from all calls have the likelihood of a
 # flat density, and their volume may hold more of the posterior than the places that fit.
 MOST_BY_ERROR = 1.0
-# From the coordinates of each factor (n, c): ln likelihood (n,) of each.
-AtOnce = Callable[[Sequence[Array]], list[Array]]
 # Most places that are computed at a time: more need memory, and are no faster.
 PART = 2048
 
@@ -82,6 +80,10 @@ class Terms(NamedTuple):
     def take(self, rows: IntArray | BoolArray) -> Terms:
         """Return those of some of the places."""
         return Terms(self.prior[rows], self.ln_likelihood[rows])
+
+    def and_of(self, other: Terms) -> Terms:
+        """Return these terms, and others after them."""
+        return Terms(*(np.concatenate(pair) for pair in zip(self, other, strict=True)))
 
     def replaced(self, other: Terms, accepted: BoolArray) -> Terms:
         """Return these terms, with those of ``other`` at the accepted places (n,)."""
@@ -264,13 +266,10 @@ class Joint:
         The factors.
     emulated
         The emulated likelihood of each.
-    at_once
-        These likelihoods as one function, if several processes evaluate them.
     """
 
     factors: Sequence[Factor]
     emulated: Sequence[Emulated]
-    at_once: AtOnce | None = None
 
     @property
     def layout(self) -> Layout:
@@ -286,11 +285,8 @@ class Joint:
 
     def ln_likelihoods(self, z: Array) -> Array:
         """(n, K) ln likelihood of each factor at coordinates z (n, d)."""
-        parts = [z[:, factor.columns] for factor in self.factors]
-        if self.at_once is not None:
-            return np.stack(self.at_once(parts), axis=1)
-        columns = [each.ln_likelihood(part) for each, part in zip(self.emulated, parts, strict=True)]
-        return np.stack(columns, axis=1)
+        pairs = zip(self.factors, self.emulated, strict=True)
+        return np.stack([each.ln_likelihood(z[:, factor.columns]) for factor, each in pairs], axis=1)
 
     def tangents(self, z: Array) -> list[Tangent]:
         """Return what the data of each factor say at z (n, d)."""

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import log_expit
@@ -101,6 +101,14 @@ class Emulator:
     secondary_range: tuple[Array, Array]
     trusted_r2: float
     exists: Array
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what another process is sent: all but the problem, see `of`."""
+        return {each.name: getattr(self, each.name) for each in fields(self) if each.name != "problem"}
+
+    def of(self, problem: Problem) -> Emulator:
+        """Return the emulator of a problem, if it has come from another process and lacks it."""
+        return replace(self, problem=problem)
 
     @property
     def is_silent(self) -> bool:

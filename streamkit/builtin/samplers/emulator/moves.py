@@ -8,6 +8,8 @@ third kind moves all coordinates, along a sheet that is thin and bent, see `geod
 
 from __future__ import annotations
 
+from copy import copy
+
 import numpy as np
 
 from streamkit import Array
@@ -38,8 +40,8 @@ class Moves:
 
     Attributes
     ----------
-    accepted, tried
-        (4,) sums of the fractions of accepted steps: steps and draws by mixtures, differences, trajectories along the
+    counts
+        (2, 4) sums of the fractions of accepted steps: steps and draws by mixtures, differences, trajectories along the
         surface; and how often walkers were moved so.
     """
 
@@ -68,7 +70,7 @@ class Moves:
         self._follows, self._of_each = follows, of_each
         self._h = places[:, layout.shared]
         self._precision = self._precision_of(places)
-        self.accepted, self.tried = np.zeros(4), np.zeros(4)
+        self.counts = np.zeros((2, 4))
         self._blocks = int(self._shared is not None) + int(any(each is not None for each in self._own))
 
     def _precision_of(self, places: Array) -> Array:
@@ -96,7 +98,7 @@ class Moves:
         for by_mixture in (True, False):
             if any(each is not None for each in self._own):
                 z, terms = self._move_own(density, z, terms, beta, rng, self._lengths(len(z), rng, by_mixture))
-        self.tried[[0, 2]] += 1
+        self.counts[1, [0, 2]] += 1
         if self._whole is not None:
             z, terms = self._draw(self._whole, density, z, terms, beta, rng)
         return self._follow_surface(density, z, terms, beta, rng) if follow and self._follows else (z, terms)
@@ -104,7 +106,18 @@ class Moves:
     @property
     def rates(self) -> Array:
         """(4,) The fractions of accepted steps; zero for steps that were not tried."""
-        return np.asarray(self.accepted / np.maximum(self.tried, 1))
+        accepted, tried = self.counts
+        return np.asarray(accepted / np.maximum(tried, 1))
+
+    def uncounted(self) -> Moves:
+        """Return the same moves, with counts of their own."""
+        again = copy(self)
+        again.counts = np.zeros_like(self.counts)
+        return again
+
+    def count(self, counts: Array) -> None:
+        """Add the counts (2, 4) of others."""
+        self.counts += counts
 
     def _lengths(self, n: int, rng: np.random.Generator, by_mixture: bool) -> Array | None:
         return rng.choice(LENGTHS_OF_SEVERAL if self._layout.several else LENGTHS, size=n) if by_mixture else None
@@ -137,7 +150,7 @@ class Moves:
 
         steps = [by_mixture, by_differences, by_mixture]
         z, terms, rates = move_shared(density, z, terms, beta, rng, self._follow, self._own, self._of_each, steps)
-        self.accepted[[0, 2]] += np.array([(rates[0] + rates[2]) / 2, rates[1]]) / self._blocks
+        self.counts[0, [0, 2]] += np.array([(rates[0] + rates[2]) / 2, rates[1]]) / self._blocks
         return z, terms
 
     def _move_own(
@@ -159,7 +172,7 @@ class Moves:
         before = terms.prior[:, 1:] + beta * terms.ln_likelihood
         after = others.prior[:, 1:] + beta * others.ln_likelihood
         accepted = np.log(rng.random(after.shape)) < gain(after, before) + correction
-        self.accepted[0 if length is not None else 2] += accepted.mean() / self._blocks
+        self.counts[0, 0 if length is not None else 2] += accepted.mean() / self._blocks
         z = z.copy()
         for k, own in enumerate(self._layout.own):
             z[:, own] = np.where(accepted[:, [k]], new[:, own], z[:, own])
@@ -171,20 +184,20 @@ class Moves:
         self, whole: Mixture, density: Density, z: Array, terms: Terms, beta: float, rng: np.random.Generator
     ) -> tuple[Array, Terms]:
         """Draw all coordinates from the mixture: from one mode to another."""
-        self.tried[1] += 1
+        self.counts[1, 1] += 1
         new, correction = whole.step(z, np.full(len(z), np.inf), rng)
         others = density.terms(new)
         accepted = np.log(rng.random(len(z))) < gain(others.total(beta), terms.total(beta)) + correction
-        self.accepted[1] += accepted.mean()
+        self.counts[0, 1] += accepted.mean()
         return np.where(accepted[:, None], new, z), terms.replaced(others, accepted)
 
     def _follow_surface(
         self, density: Density, z: Array, terms: Terms, beta: float, rng: np.random.Generator
     ) -> tuple[Array, Terms]:
         """Move all coordinates along the posterior's surface."""
-        self.tried[3] += 1
+        self.counts[1, 3] += 1
         new, correction = trajectory(Surface(density.tangents, self._layout, beta, self._precision), z, rng)
         others = density.terms(new)
         accepted = np.log(rng.random(len(z))) < gain(others.total(beta), terms.total(beta)) + correction
-        self.accepted[3] += accepted.mean()
+        self.counts[0, 3] += accepted.mean()
         return np.where(accepted[:, None], new, z), terms.replaced(others, accepted)

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from streamkit import Array
 from streamkit.builtin.samplers.emulator.density import Density, Joint
-from streamkit.builtin.samplers.emulator.populations import Population
+from streamkit.builtin.samplers.emulator.population import Population
 from streamkit.builtin.samplers.emulator.start import Start
 
 # Walkers, their sweeps until they have come, and how many of those after it are used.
@@ -37,7 +37,7 @@ def leading(starts: Sequence[Start], alone: Joint, samples: Array, seed: list[in
 def unreached(density: Density, begin: Array, samples: Array, seed: list[int]) -> float:
     """Return the fraction of samples (n, d) that no walker comes near which begins at one of these places (m, d)."""
     rng = np.random.default_rng(seed)
-    walked = Population(density, begin, rng).come(WALKERS, SWEEPS, USED)
+    walked = Population.of(density, begin, rng).come(density, WALKERS, SWEEPS, USED)
     white = np.linalg.inv(np.linalg.cholesky(np.atleast_2d(np.cov(walked.T)))).T
     one, other = np.array_split(rng.permutation(walked) @ white, 2)
     tree = cKDTree(one)

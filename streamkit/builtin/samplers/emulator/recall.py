@@ -15,7 +15,7 @@ import numpy as np
 from streamkit import Array
 from streamkit.builtin.samplers.emulator.calls import Calls
 from streamkit.builtin.samplers.emulator.density import Joint
-from streamkit.builtin.samplers.emulator.populations import Population
+from streamkit.builtin.samplers.emulator.population import Population
 from streamkit.builtin.samplers.emulator.start import Known
 
 # Walkers without the limit, sweeps of their walk, and how many of them are used.
@@ -60,7 +60,7 @@ def recall(known: Sequence[Known], joint: Joint, begin: Array, seed: list[int]) 
     """Walk without the limit from places (n, d), call each factor beyond it, and keep the calls."""
     rng = np.random.default_rng(seed)
     free = joint.unlimited()
-    places = Population(free, begin, rng).come(WALKERS, SWEEPS, USED)
+    places = Population.of(free, begin, rng).come(free, WALKERS, SWEEPS, USED)
     added = free.ln_likelihoods(places) - joint.ln_likelihoods(places)
     shares, found, made = [], [0.0], 0
     for k, each in enumerate(known):

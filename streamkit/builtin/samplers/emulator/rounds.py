@@ -13,14 +13,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from streamkit import Array, IntArray
+from streamkit.builtin.samplers.emulator.at_once import AtOnce, in_turn
 from streamkit.builtin.samplers.emulator.calls import Calls
 from streamkit.builtin.samplers.emulator.certificate import blur_of
 from streamkit.builtin.samplers.emulator.changes import difference, every_so_often, real_change_of, with_axes
-from streamkit.builtin.samplers.emulator.density import AtOnce, Emulated, Factor, Joint
+from streamkit.builtin.samplers.emulator.density import Emulated, Factor, Joint
 from streamkit.builtin.samplers.emulator.missing import (
     apart,
     before_a_test,
@@ -31,7 +33,7 @@ from streamkit.builtin.samplers.emulator.missing import (
 )
 from streamkit.builtin.samplers.emulator.pairs import paired
 from streamkit.builtin.samplers.emulator.places import least_known, to_call
-from streamkit.builtin.samplers.emulator.populations import TESTED, Populations, go_on, sample, tempered
+from streamkit.builtin.samplers.emulator.populations import GIVEN, TESTED, Asked, Populations, go_on, sample, tempered
 from streamkit.builtin.samplers.emulator.reach import leading
 from streamkit.builtin.samplers.emulator.recall import Recall, recall
 from streamkit.builtin.samplers.emulator.remembered import given_up
@@ -104,8 +106,8 @@ class Rounds:
         Called with a line about the progress.
     together
         Called with parameters (n, p) by factor before each factor is called at them: all may be called at a time.
-    spread
-        Makes one function of those of all factors, which several processes evaluate.
+    at_once
+        Runs tasks in several processes.
     """
 
     def __init__(
@@ -115,11 +117,11 @@ class Rounds:
         starts: int = AGREEING,
         note: Callable[[str], None] = lambda _: None,
         together: Callable[[Mapping[str, Array]], None] = lambda _: None,
-        spread: Callable[[Sequence[Callable[[Array], Array]]], AtOnce] | None = None,
+        at_once: AtOnce = in_turn,
     ) -> None:
         self._factors, self._noise, self._note, self._together = tuple(factors), noise, note, together
-        self._starts_of_each, self._starter = starts, Starter(noise, note)
-        self._spread, self._seed = spread, factors[0].problem.seed
+        self._starts_of_each, self._starter = starts, Starter(noise, note, at_once)
+        self._at_once, self._seed = at_once, factors[0].problem.seed
 
     def run(self, max_calls: int) -> Iterator[Progress]:
         """Yield how far the sampling is after every round; ``max_calls`` are those of each factor.
@@ -133,12 +135,12 @@ class Rounds:
             joint, seed = self._joint(known), [self._seed, 11, turn]
             if result is None:
                 self._note("all starts are made: two populations come to the emulated posterior")
-                result = sample(joint, begin_apart(known), seed, most_sweeps=10)
+                result = sample(joint, begin_apart(known), seed, most_sweeps=10, at_once=self._at_once)
                 if len(known) > 1 and any(len(each.factor.earlier) for each in known):
                     # Nothing of the other streams was known when an earlier run's calls were learned from.
-                    self._learn(known, tempered(joint, result.last, COPIES[1][0], [*seed, 5, 1, 0]))
+                    self._learn(known, self._tempered(joint, result.last, COPIES[1][0], [*seed, 5, 1, 0]))
                     joint = self._joint(known)
-            result = go_on(joint, result.last, [*seed, 0])
+            result = go_on(joint, result.last, [*seed, 0], self._at_once)
             copies = self._copies(joint, result, seed)
             now = self._measured(known, joint, result, max_calls, seed)
             over, to_test = self._is_over(known, max_calls), not now.missing
@@ -148,7 +150,7 @@ class Rounds:
                 copies[0] = _by_population(result)
                 self._note(now.missing or "certified")
             elif over:
-                now = replace(now, populations=sample(joint, self._begin(known, result), [*seed, 2]))
+                now = replace(now, populations=self._sample(joint, self._begin(known, result), [*seed, 2]))
             yield now
             if not now.missing or over:
                 return
@@ -163,14 +165,13 @@ class Rounds:
     # A round
 
     def _joint(self, known: Sequence[Known]) -> Joint:
-        emulated = [each.emulated for each in known]
-        return Joint(self._factors, emulated, self._spread and self._spread([each.ln_likelihood for each in emulated]))
+        return Joint(self._factors, [each.emulated for each in known])
 
     def _copies(self, joint: Joint, result: Populations, seed: list[int]) -> list[Array]:
         """Return samples (2, n, d) of the posterior and of its tempered copies, each walked to from the one before."""
         copies = [_by_population(result)]
         for i, (beta, _) in enumerate(COPIES[1:]):
-            copies.append(tempered(joint, result.last if i == 0 else copies[-1], beta, [*seed, 1, i]))
+            copies.append(self._tempered(joint, result.last if i == 0 else copies[-1], beta, [*seed, 1, i]))
         return copies
 
     def _begin(self, known: Sequence[Known], result: Populations) -> list[Array]:
@@ -214,10 +215,10 @@ class Rounds:
 
         The latter is that of samples (2, n, d) of the ``warm`` copy, the first tempered one.
         """
-        for each in known:
-            emulator = each.calls.learn(self._tilt(each, warm))
+        found = self._at_once([partial(each.calls.learn, self._tilt(each, warm)) for each in known])
+        for each, emulator in zip(known, found, strict=True):
             if emulator is not None:
-                each.emulated = replace(each.emulated, emulator=emulator)
+                each.emulated = replace(each.emulated, emulator=emulator.of(each.calls.problem))
 
     def _tilt(self, each: Known, warm: Array) -> Array | None:
         """(n,) What all factors say of the hosts of a factor's calls, as a Gaussian; None for a single factor.
@@ -289,7 +290,7 @@ class Rounds:
             return now
         joint = self._joint(known)
         beta = COPIES[-1][0]
-        given = sample(joint, list(tempered(joint, tested.last, beta, [*seed, 8])), [*seed, 3], beta)
+        given = self._sample(joint, list(self._tempered(joint, tested.last, beta, [*seed, 8])), [*seed, 3], beta)
         change = difference(tested.samples[:, self._watched()], given.samples[:, self._watched()])
         missing = apart(given)
         if not missing and change >= CHANGED:
@@ -302,8 +303,16 @@ class Rounds:
         A start of one stream alone may not have been where all of them together are, and the way from there is long.
         """
         if len(known) == 1:
-            return sample(now.joint, self._begin(known, now.populations), seed, asked=TESTED)
-        return sample(now.joint, list(copies[-1]), seed, COPIES[-1][0], asked=TESTED)
+            return self._sample(now.joint, self._begin(known, now.populations), seed, asked=TESTED)
+        return self._sample(now.joint, list(copies[-1]), seed, COPIES[-1][0], asked=TESTED)
+
+    def _sample(
+        self, joint: Joint, begin: Sequence[Array], seed: list[int], beta: float = 0.0, asked: Asked = GIVEN
+    ) -> Populations:
+        return sample(joint, begin, seed, beta, asked=asked, at_once=self._at_once)
+
+    def _tempered(self, joint: Joint, begin: Array, beta: float, seed: list[int]) -> Array:
+        return tempered(joint, begin, beta, seed, self._at_once)
 
     def _unseen(self, known: Sequence[Known], result: Populations, seed: list[int]) -> str:
         """Say whether too few starts lead to all of the posterior, and make another one then; or what they give up.

@@ -61,7 +61,7 @@ class PredictionEmulator(Sampler):
 
         factors, space = _factors(target), Space(OfTarget(target))
         one = self.realisation == "one"
-        rounds = Rounds(factors, one, self.starts, target.remark, target.call_factors, target.spread)
+        rounds = Rounds(factors, one, self.starts, target.remark, target.call_factors, target.at_once)
         for progress in rounds.run(self.max_calls):
             yield _samples(target, space, progress)
 

@@ -9,21 +9,27 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import reduce
+from functools import partial, reduce
+from itertools import groupby
 from operator import add
+from typing import TypeVar
 
 import numpy as np
 from scipy.spatial import cKDTree
 from scipy.stats import norm, qmc
 
 from streamkit import Array, BoolArray, StreamkitError
+from streamkit.builtin.samplers.emulator.at_once import AtOnce, Work, in_turn, side_by_side
 from streamkit.builtin.samplers.emulator.calls import Calls
 from streamkit.builtin.samplers.emulator.certificate import Certificate
 from streamkit.builtin.samplers.emulator.changes import every_so_often
 from streamkit.builtin.samplers.emulator.density import Density, Emulated, Factor, Joint, Layout, Tangent, Terms
-from streamkit.builtin.samplers.emulator.populations import Population
+from streamkit.builtin.samplers.emulator.emulator import Emulator
+from streamkit.builtin.samplers.emulator.population import Population
 from streamkit.builtin.samplers.emulator.problem import Problem
 from streamkit.builtin.samplers.emulator.space import Space
+
+T = TypeVar("T")
 
 # Draws of the prior for each parameter and in any case, made until so many predictions for each parameter are there,
 # and so often at most.
@@ -159,10 +165,12 @@ class Starter:
         Whether the variance of one call is part of the likelihood.
     note
         Called with a line about the progress.
+    at_once
+        Runs tasks in several processes: what all starts learn from their calls, and their walks.
     """
 
-    def __init__(self, noise: bool, note: Callable[[str], None]) -> None:
-        self._noise, self._note = noise, note
+    def __init__(self, noise: bool, note: Callable[[str], None], at_once: AtOnce = in_turn) -> None:
+        self._noise, self._note, self._at_once = noise, note, at_once
         self._host: Emulated | None = None
 
     def all(self, factors: Sequence[Factor], starts: int, max_calls: int) -> list[Known]:
@@ -171,15 +179,21 @@ class Starter:
         Raises StreamkitError where too few calls give a prediction.
         """
         known: dict[str, Known] = {}
-        for factor in sorted(factors, key=lambda each: len(each.own)):
-            number = 1 if len(factor.earlier) else starts
-            made = [self.one(factor, i) for i in range(number)]
-            known[factor.name] = each = self._known(factor, made, max_calls)
-            if not len(factor.own) and self._host is None:
-                self._host = each.emulated
+        hosts, streams = [each for each in factors if not len(each.own)], [each for each in factors if len(each.own)]
+        for some in (*([each] for each in hosts), streams):
+            wanted = [(each, i) for each in some for i in range(1 if len(each.earlier) else starts)]
+            made = zip(wanted, self._made([self.one(*each) for each in wanted]), strict=True)
+            begun = [[start for _, start in of_one] for _, of_one in groupby(made, key=lambda pair: pair[0][0].name)]
+            works = [self._known(*each, max_calls) for each in zip(some, begun, strict=True)]
+            known |= {each.factor.name: each for each in self._made(works)}
+            if some is not streams and self._host is None:
+                self._host = known[some[0].name].emulated
         return [known[factor.name] for factor in factors]
 
-    def one(self, factor: Factor, number: int) -> Start:
+    def _made(self, works: Sequence[Work[T]]) -> list[T]:
+        return side_by_side(works, self._at_once)
+
+    def one(self, factor: Factor, number: int) -> Work[Start]:
         """Make waves until the emulator is sure of its posterior, from draws of the prior or from calls that were made.
 
         A stream's place in the run file does not change its calls: its name decides.
@@ -193,15 +207,11 @@ class Starter:
         d, places, draws = small.size, None, 0 if len(factor.earlier) else len(calls)
         least, last = np.inf, 0
         for wave in range(WAVES):
-            emulator = calls.learn()
-            if emulator is None:
+            found = yield partial(self._wave, factor, calls, places, [*seed, 2, wave])
+            if found is None:
                 calls += Calls.at(small, space, rng.standard_normal((4 * d, d)))
                 continue
-            emulated = Emulated(space, emulator, small.add_noise, np.inf)
-            pool = calls.z if places is None else np.concatenate([calls.z, places])
-            population = Population(self._density(factor, emulated), pool, np.random.default_rng([*seed, 2, wave]))
-            places = population.come(max(LEAST_WALKERS, WALKERS * d), SWEEPS, USED)
-            own_error = own_error_of(emulated, places)
+            emulator, places, own_error = found
             self._note(f"{factor.name}: {len(calls)} draws, the emulator's own error is {own_error:.1f} in ln L")
             if own_error < LOWER * least:
                 least, last = own_error, wave
@@ -213,7 +223,21 @@ class Starter:
                 f"found no place to start: of {len(calls)} draws only {int(calls.good.sum())} give a stream with "
                 "observables. Check the priors with `streamkit check`."
             )
-        return Start(calls, places, emulated, draws)
+        return Start(calls, places, Emulated(space, emulator.of(small), small.add_noise, np.inf), draws)
+
+    def _wave(
+        self, factor: Factor, calls: Calls, places: Array | None, seed: list[int]
+    ) -> tuple[Emulator, Array, float] | None:
+        """Learn from calls; return the emulator, places (n, d) of its posterior, and its own error there."""
+        emulator = calls.learn()
+        if emulator is None:
+            return None
+        emulated = Emulated(calls.space, emulator, calls.problem.add_noise, np.inf)
+        density, d = self._density(factor, emulated), calls.problem.size
+        pool = calls.z if places is None else np.concatenate([calls.z, places])
+        population = Population.of(density, pool, np.random.default_rng(seed))
+        places = population.come(density, max(LEAST_WALKERS, WALKERS * d), SWEEPS, USED)
+        return emulator, places, own_error_of(emulated, places)
 
     def _density(self, factor: Factor, emulated: Emulated) -> Density:
         alone = Joint([factor.alone], [emulated])
@@ -221,7 +245,7 @@ class Starter:
             return alone
         return Beside(alone, self._host, np.isin(factor.columns, factor.shared), alone.layout)
 
-    def _known(self, factor: Factor, starts: list[Start], max_calls: int) -> Known:
+    def _known(self, factor: Factor, starts: list[Start], max_calls: int) -> Work[Known]:
         """Call a factor with all particles where its starts have arrived."""
         problem, space = factor.problem, Space(factor.problem)
         places, rng = np.concatenate([each.places for each in starts]), np.random.default_rng([problem.seed, 14])
@@ -229,7 +253,7 @@ class Starter:
             calls = reduce(add, [each.calls for each in starts])
         else:
             calls = Calls.at(problem, space, rng.permutation(places)[: max(FIRST * problem.size, LEAST_FIRST)])
-        while (emulator := calls.learn()) is None:  # between the places, as too few of them have a prediction
+        while (emulator := (yield calls.learn)) is None:  # between the places, as too few of them have a prediction
             if len(calls) >= max_calls or problem.time_left() <= 0:
                 raise StreamkitError(
                     f"too few predictions to learn from: of {len(calls)} calls with all particles only "
@@ -238,13 +262,13 @@ class Starter:
                 )
             first, one, other = places[rng.integers(len(places), size=(3, MORE))]
             calls += Calls.at(problem, space, first + rng.random((MORE, 1)) * (one - other))
-        emulated = Emulated(space, emulator, self._noise)
+        emulated = Emulated(space, emulator.of(problem), self._noise)
         alone = float(np.max(emulated.ln_likelihood(every_so_often(places, SOME))))
         return Known(factor, calls, emulated, starts, alone, taught=0.0 if len(factor.earlier) else np.inf)
 
     def again(self, known: Known) -> None:
         """Make another start of a factor, and call it with all particles where that has arrived."""
-        start, problem = self.one(known.factor, len(known.starts)), known.factor.problem
+        (start,), problem = self._made([self.one(known.factor, len(known.starts))]), known.factor.problem
         size = max(FIRST * problem.size, LEAST_FIRST) // 2
         known.starts.append(start)
         rng = np.random.default_rng([problem.seed, 15, len(known.starts)])
