@@ -173,11 +173,6 @@ def slopes_of(
     return slopes
 
 
-def number_of_calls(searches: Sequence[Search], seeds: int) -> int:
-    """Return how many calls `slopes_of` makes where every step has a stream."""
-    return sum(len(search.jobs(range(1))) for search in searches) * (ROUNDS + 2 * min(seeds, 2) + seeds)
-
-
 def _calls(searches: Sequence[Search], seeds: range, workers: int, done: Callable[[], object]) -> Found:
     """Make the calls of all searches; steps that end where there is no stream are halved."""
     found: Found = {}
