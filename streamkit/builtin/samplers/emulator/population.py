@@ -202,13 +202,6 @@ class Pair:
         return places, [one.and_of(other) for one, other in zip(found[0][3], found[1][3], strict=True)]
 
 
-def annealed(
-    populations: Sequence[Population], density: Density, walkers: int, sweeps: int, at_once: AtOnce
-) -> list[Population]:
-    """Return populations that have come to inverse temperature 1, see `Population.anneal`."""
-    return at_once([partial(each.anneal, density, walkers, sweeps) for each in populations])
-
-
 def _walked(
     population: Population, density: Density, sweeps: int, moves: Moves, followed: int
 ) -> tuple[Population, Array, Array, list[Terms]]:

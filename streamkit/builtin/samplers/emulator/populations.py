@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -22,7 +23,7 @@ from streamkit.builtin.samplers.emulator.at_once import AtOnce, in_turn
 from streamkit.builtin.samplers.emulator.changes import every_so_often
 from streamkit.builtin.samplers.emulator.density import Density, Layout, Terms
 from streamkit.builtin.samplers.emulator.moves import Moves
-from streamkit.builtin.samplers.emulator.population import Pair, Population, annealed
+from streamkit.builtin.samplers.emulator.population import Pair, Population
 
 # Walkers of a population of one posterior; of K factors it has that divided by K, and so many at least.
 WALKERS, LEAST_WALKERS = 1000, 400
@@ -152,7 +153,8 @@ def sample(
     two = [Population.of(density, places, np.random.default_rng([*seed, i])) for i, places in enumerate(begin)]
     if beta > 0:
         two = [each.at(walkers, beta) for each in two]
-    two = annealed(two, density, walkers, STAGE_OF_SEVERAL if several else STAGE, at_once)
+    stage = STAGE_OF_SEVERAL if several else STAGE
+    two = at_once([partial(each.anneal, density, walkers, stage) for each in two])
     # Both learn the moves from both: what one has lost, the other may have kept. A narrow mode of one stream holds few
     # walkers at middle temperatures, and both may have lost it: it is among the places of the begin.
     places, beside = np.concatenate([each.z for each in two]), np.concatenate(begin) if several else None

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial, reduce
-from itertools import groupby
 from operator import add
 from typing import TypeVar
 
@@ -182,8 +181,8 @@ class Starter:
         hosts, streams = [each for each in factors if not len(each.own)], [each for each in factors if len(each.own)]
         for some in (*([each] for each in hosts), streams):
             wanted = [(each, i) for each in some for i in range(1 if len(each.earlier) else starts)]
-            made = zip(wanted, self._made([self.one(*each) for each in wanted]), strict=True)
-            begun = [[start for _, start in of_one] for _, of_one in groupby(made, key=lambda pair: pair[0][0].name)]
+            made = self._made([self.one(*each) for each in wanted])
+            begun = [[start for (its, _), start in zip(wanted, made, strict=True) if its is each] for each in some]
             works = [self._known(*each, max_calls) for each in zip(some, begun, strict=True)]
             known |= {each.factor.name: each for each in self._made(works)}
             if some is not streams and self._host is None:
