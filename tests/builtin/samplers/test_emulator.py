@@ -12,9 +12,10 @@ from shortened import shorten_walks
 
 from streamkit import StreamkitError
 from streamkit.builtin.samplers.emulator import learn as learning
+from streamkit.builtin.samplers.emulator import rounds
 from streamkit.builtin.samplers.emulator.at_once import in_turn, side_by_side
 from streamkit.builtin.samplers.emulator.calls import Calls
-from streamkit.builtin.samplers.emulator.certificate import certify, fresh_calls, trend_of
+from streamkit.builtin.samplers.emulator.certificate import FRESH, certify, fresh_calls, trend_of
 from streamkit.builtin.samplers.emulator.changes import change_of, difference, with_axes
 from streamkit.builtin.samplers.emulator.density import Emulated, Joint, one_factor
 from streamkit.builtin.samplers.emulator.kernel import learn_kernel, squared_exponential
@@ -180,6 +181,20 @@ def test_posteriors_are_right_after_some_hundred_calls(toy, noise, monkeypatch):
     np.testing.assert_allclose((samples_of(last).mean(axis=0) - mean) / sd, 0.0, atol=0.15)
     np.testing.assert_allclose(samples_of(last).std(axis=0) / sd, 1.0, atol=0.12)
     assert last.populations.independent > 2000
+
+
+@pytest.mark.slow
+def test_a_posterior_that_fresh_calls_have_moved_is_tested_before_more_are_made(monkeypatch):
+    """The test costs its fresh calls; a round would cost others as well."""
+    shorten_walks(monkeypatch)
+    _, confirmed = sampled(Curved(), noise=1.0)
+    found = iter([2 * rounds.CHANGED])
+    monkeypatch.setattr(rounds, "difference", lambda *both: next(found, difference(*both)))
+    last, calls = sampled(Curved(), noise=1.0)
+    assert last.missing == ""
+    mean, sd = Curved().moments
+    np.testing.assert_allclose((samples_of(last).mean(axis=0) - mean) / sd, 0.0, atol=0.15)
+    assert FRESH <= calls - confirmed < 3 * FRESH
 
 
 def test_an_emulator_that_is_too_simple_is_refused(monkeypatch):

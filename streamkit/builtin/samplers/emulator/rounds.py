@@ -6,7 +6,8 @@
    learns from its calls.
 4. Where the posterior has settled, two populations sample it to its end, from independent starts. Fresh calls test each
    factor there, and the sum of what they would change; other calls look where the emulators know nothing.
-5. All calls are learned from, and the posterior is sampled anew: what was tested and what is given must agree.
+5. All calls are learned from, and the posterior is sampled anew: what was tested and what is given must agree. Where
+   they do not, what would be given is tested.
 """
 
 from __future__ import annotations
@@ -76,6 +77,8 @@ class Progress:
         What the trends of the fresh calls of all factors would move together; NaN before they are made.
     recall
         What calls find where the emulators know nothing; None before they are made.
+    changed
+        By how much the posterior differs from the one that was tested, where that is too much; NaN elsewhere.
     missing
         What is still asked for; empty if nothing is.
     """
@@ -88,6 +91,7 @@ class Progress:
     trend: float = np.nan
     trend_by_chance: float = np.nan
     recall: Recall | None = None
+    changed: float = np.nan
     missing: str = ""
 
 
@@ -145,7 +149,7 @@ class Rounds:
             now = self._measured(known, joint, result, max_calls, seed)
             over, to_test = self._is_over(known, max_calls), not now.missing
             if to_test:
-                now = self._tested(known, now, copies, max_calls, seed)
+                now = self._ended(known, now, copies, max_calls, seed)
                 result, over = now.populations, self._is_over(known, max_calls)
                 copies[0] = _by_population(result)
                 self._note(now.missing or "certified")
@@ -269,13 +273,27 @@ class Rounds:
 
     # The end
 
+    def _ended(
+        self, known: Sequence[Known], now: Progress, copies: Sequence[Array], max_calls: int, seed: list[int]
+    ) -> Progress:
+        """Sample the posterior to its end and test it.
+
+        Where fresh calls confirm it and move it nevertheless, the posterior that they have moved is tested, before a
+        round makes more calls.
+        """
+        self._note("two populations sample the emulated posterior to its end")
+        now = replace(now, populations=self._sampled(known, now, copies, [*seed, 2]))
+        now = self._tested(known, now, copies, max_calls, seed)
+        if np.isnan(now.changed) or self._is_over(known, max_calls):
+            return now
+        self._note(f"{now.missing}: this one is tested")
+        return self._tested(known, now, copies, max_calls, [*seed, 12])
+
     def _tested(
         self, known: Sequence[Known], now: Progress, copies: Sequence[Array], max_calls: int, seed: list[int]
     ) -> Progress:
-        """Sample the posterior to its end, test it, learn from all calls, and sample it anew."""
-        self._note("two populations sample the emulated posterior to its end")
-        tested = self._sampled(known, now, copies, [*seed, 2])
-        now = replace(now, populations=tested)
+        """Test the posterior where it is sampled, learn from all calls, and sample it anew."""
+        tested = now.populations
         for each in known:
             each.blur = blur_of(each.emulated, every_so_often(tested.samples, 4 * SOME)[:, each.factor.columns])
         if fault := apart(tested) or blurred(known) or self._unseen(known, tested, [*seed, 9]):
@@ -291,11 +309,12 @@ class Rounds:
         joint = self._joint(known)
         beta = COPIES[-1][0]
         given = self._sample(joint, list(self._tempered(joint, tested.last, beta, [*seed, 8])), [*seed, 3], beta)
-        change = difference(tested.samples[:, self._watched()], given.samples[:, self._watched()])
-        missing = apart(given)
-        if not missing and change >= CHANGED:
-            missing = f"what fresh calls have taught moves the posterior by {change:.2f} standard deviations"
-        return replace(now, joint=joint, populations=given, missing=missing)
+        now = replace(now, joint=joint, populations=given, missing=apart(given))
+        changed = difference(tested.samples[:, self._watched()], given.samples[:, self._watched()])
+        if now.missing or changed < CHANGED:
+            return now
+        missing = f"what fresh calls have taught moves the posterior by {changed:.2f} standard deviations"
+        return replace(now, changed=changed, missing=missing)
 
     def _sampled(self, known: Sequence[Known], now: Progress, copies: Sequence[Array], seed: list[int]) -> Populations:
         """Sample the posterior to its end: from the starts, or for several streams from the warmest copies.
