@@ -5,7 +5,9 @@ import pytest
 from joints import HalfEmpty, LinearFactors, Mixture
 from scipy.stats import norm
 
-from streamkit.builtin.samplers.emulator.agreement import agreement
+from streamkit.builtin.samplers.emulator import populations
+from streamkit.builtin.samplers.emulator.agreement import Walked, agreement
+from streamkit.builtin.samplers.emulator.agreement import judge as judged
 from streamkit.builtin.samplers.emulator.density import Layout, Terms
 from streamkit.builtin.samplers.emulator.following import Following
 from streamkit.builtin.samplers.emulator.mixture import Mixture as BlockMixture
@@ -46,6 +48,26 @@ def test_gaussian_factors(factors: int, own: int) -> None:
     assert_right(found.samples, *target.answer())
     per_sample = 4 * len(found.samples) / found.independent
     assert 1000 * per_sample < COSTLY
+
+
+def test_a_walk_that_asks_for_many_times_its_length_starts_anew_with_other_moves(monkeypatch) -> None:
+    """What it walked until then is no part of the samples: moves may not depend on these."""
+    target, walked = LinearFactors(2, own=2), []
+
+    def judge(layout: Layout, walk: np.ndarray) -> Walked:
+        """As it is, but before the new start as long as the walk."""
+        anew = bool(walked) and (len(walk) < len(walked[-1]) or not np.isin(walk[0], walked[0]).all())
+        walked.append(walk)
+        found = judged(layout, walk)
+        return found if anew else found._replace(time=float(len(walk)))
+
+    monkeypatch.setattr(populations, "judge", judge)
+    found = sample(target, target.begin(3), [1])
+    assert found.agree
+    assert_right(found.samples, *target.answer())
+    before = [each for each in walked if np.isin(each[0], walked[0]).all()]
+    assert len(before[-1]) >= populations.LONG * populations.FIRST_OF_SEVERAL
+    assert not np.isin(found.samples, before[-1]).any()
 
 
 def test_trajectories_along_the_surface_leave_a_gaussian_as_it_is() -> None:

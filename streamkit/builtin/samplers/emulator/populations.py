@@ -38,8 +38,11 @@ WALKING, FIRST, MOST_SWEEPS = 64, 100, 3000
 # Of several factors: draws of each by which walkers at the posterior move what is shared, and the sweeps of their first
 # walk. A sweep is five times the work of one with one draw, and walkers forget where they were in a few.
 OF_EACH, FIRST_OF_SEVERAL = 8, 32
-# Places of the first walk that the moves of the second one are made from.
+# Places of a walk that the moves of the next one are made from.
 MANY = 8000
+# A walk of so many first ones, but fewer than so many of its autocorrelation times, starts anew by moves that are made
+# from it. Those of a shorter walk may not know a thin end, and a walker that is there stays for hundreds of sweeps.
+LONG, FEW_TIMES = 4, 8
 # Largest R-hat over both populations. It is a difference of means of 0.15 standard deviations: their common mean is off
 # by half of it.
 R_HAT = 1.004
@@ -168,7 +171,7 @@ def sample(
         places = both.walk(density, length, moves, FOLLOWED)[0].reshape(-1, density.layout.size)
         moves = both.moves(every_so_often(places, MANY), of_each=of_each)
     parts: list[tuple[Array, list[Terms]]] = []
-    sweeps, more = 0, int(first * max(asked.least / len(density.layout.own), 1.0))
+    sweeps, more, long = 0, int(first * max(asked.least / len(density.layout.own), 1.0)), LONG * first
     while True:
         parts.append(both.walk(density, more, moves, FOLLOWED))
         sweeps += more
@@ -178,6 +181,11 @@ def sample(
             return result
         lacking = max(min(lacking, FOR_WIDTHS * first / sweeps), asked.independent / max(result.independent, 1.0))
         wanted = max(asked.times * result.time, sweeps * lacking)
+        if long <= sweeps < min(FEW_TIMES * result.time, most_sweeps / 3):
+            places = np.concatenate([walked for walked, _ in parts]).reshape(-1, density.layout.size)
+            moves = both.moves(every_so_often(places, MANY), of_each=of_each)
+            most_sweeps, long, more, sweeps, parts = most_sweeps - sweeps, 2 * sweeps, sweeps, 0, []
+            continue
         more = min(max(int(1.1 * min(wanted, most_sweeps)) - sweeps, sweeps // 4), sweeps, most_sweeps - sweeps)
 
 
