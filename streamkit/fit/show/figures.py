@@ -217,13 +217,13 @@ def height_of_median(axes: Axes, radius: float) -> float:
 
 
 def _draw_ranges(axes: Axes, sources: Mapping[str, Mapping[str, float]]) -> None:
-    """Draw the range of radii of each source as a line: a few along the bottom, with names, many where no median is."""
+    """Draw the range of radii of each source as a line, where no median is; a few with their names."""
     place, figure = axes.get_xaxis_transform(), axes.get_figure(root=True)
     size = 8 if figure is not None and figure.get_figwidth() >= WIDE else 6
     ranges = sorted((min(of_source.values()), max(of_source.values()), name) for name, of_source in sources.items())
     few = len(ranges) <= NAMED
     heights = 0.03 + (0.045 if few else MANY_RANGES / len(ranges)) * np.arange(len(ranges))
-    if not few and np.mean([height_of_median(axes, first) for first, _, _ in ranges]) < 0.5:
+    if np.mean([height_of_median(axes, first) for first, _, _ in ranges]) < 0.5:
         heights = 1 - heights
     for height, (first, last, name) in zip(heights.tolist(), ranges, strict=True):
         axes.plot([first, last], [height, height], color="black", lw=1.2 if few else 0.7, marker="|",
