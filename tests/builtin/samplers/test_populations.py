@@ -50,7 +50,7 @@ def test_gaussian_factors(factors: int, own: int) -> None:
     assert 1000 * per_sample < COSTLY
 
 
-def test_a_walk_that_asks_for_many_times_its_length_starts_anew_with_other_moves(monkeypatch) -> None:
+def test_a_walk_of_few_autocorrelation_times_starts_anew_with_other_moves(monkeypatch) -> None:
     """What it walked until then is no part of the samples: moves may not depend on these."""
     target, walked = LinearFactors(2, own=2), []
 
