@@ -165,11 +165,14 @@ def sample(
     moves = both.moves(places, beside, of_each)
     if most_sweeps <= first:
         return _judged(both.layout, moves, [both.walk(density, most_sweeps, moves)], asked)
+
+    def made_from(walked: Array) -> Moves:
+        return both.moves(every_so_often(walked.reshape(-1, density.layout.size), MANY), of_each=of_each)
+
     # Stages leave thin ends empty, and the first walk fills them: it is no part of the answer. Its places are many more
     # than the walkers. A mixture of them follows these ends, where a walk by the first moves stays for long.
     for length in (first, 2 * first) if several else (first,):
-        places = both.walk(density, length, moves, FOLLOWED)[0].reshape(-1, density.layout.size)
-        moves = both.moves(every_so_often(places, MANY), of_each=of_each)
+        moves = made_from(both.walk(density, length, moves, FOLLOWED)[0])
     parts: list[tuple[Array, list[Terms]]] = []
     sweeps, more, long = 0, int(first * max(asked.least / len(density.layout.own), 1.0)), LONG * first
     while True:
@@ -179,13 +182,12 @@ def sample(
         lacking = (result.width_error / asked.width_error) ** 2 if sweeps < FOR_WIDTHS * first else 0.0
         if (result.agree and lacking <= 1) or sweeps >= most_sweeps:
             return result
-        lacking = max(min(lacking, FOR_WIDTHS * first / sweeps), asked.independent / max(result.independent, 1.0))
-        wanted = max(asked.times * result.time, sweeps * lacking)
         if long <= sweeps < min(FEW_TIMES * result.time, most_sweeps / 3):
-            places = np.concatenate([walked for walked, _ in parts]).reshape(-1, density.layout.size)
-            moves = both.moves(every_so_often(places, MANY), of_each=of_each)
+            moves = made_from(np.concatenate([walked for walked, _ in parts]))
             most_sweeps, long, more, sweeps, parts = most_sweeps - sweeps, 2 * sweeps, sweeps, 0, []
             continue
+        lacking = max(min(lacking, FOR_WIDTHS * first / sweeps), asked.independent / max(result.independent, 1.0))
+        wanted = max(asked.times * result.time, sweeps * lacking)
         more = min(max(int(1.1 * min(wanted, most_sweeps)) - sweeps, sweeps // 4), sweeps, most_sweeps - sweeps)
 
 
