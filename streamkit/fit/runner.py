@@ -163,6 +163,8 @@ def _sample(plan: _Plan, resume: bool, force: bool) -> StoredRun:
         calls = stack.enter_context(sample.Workers(posteriors, where, limit=limit, reject=reject))
         stored = StoredRun(directory, spec, posterior.data.values, factors, plan.quick, resumes)
         stored.expect_same(posterior, limit)
+        if stored.has_ended(sampler):
+            return stored
         stored.take(plan.reuse if not resumes else None)
         again = resume_command(directory or Path(), options)
         stack.enter_context(_explained(calls, lambda: stored.left(again)))

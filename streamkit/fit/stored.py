@@ -62,6 +62,12 @@ class StoredRun:
             if last is None and (first := storage.evaluations.any_good()) is not None:
                 self._expect(one, first, storage.evaluations.get(first[None])[0].lnp, limit)
 
+    def has_ended(self, sampler: Sampler) -> bool:
+        """Return whether the weighted samples of a resumed run have ended by the rule of this sampler, as it is."""
+        if self._directory is None or self._before is None or self._before.lacks:
+            return False
+        return bool(load_spec(self._directory, self._spec.given).sampler == sampler)
+
     def take(self, directory: Path | None) -> None:
         """Let the calls in a directory serve; without one those of all streams together, of an earlier version.
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import gammaln, logsumexp
+from scipy.special import gammaln
 
 from streamkit.fit.marginal.stream_alone import StreamAlone
 from streamkit.stream import Array
@@ -126,7 +126,7 @@ class _Draws:
         prior = stream.ln_prior(flat, stream.own)
         target = np.where(np.isfinite(prior), prior, 0.0) + stream.ln_likelihood(flat, np.isfinite(prior))
         ln_w = target.reshape(n, size) - ln_t
-        total = logsumexp(ln_w, axis=1)
+        total = np.logaddexp.reduce(ln_w, axis=1)
         with np.errstate(invalid="ignore"):  # a host without a single draw inside the prior
             weights = np.where(np.isfinite(total)[:, None], np.exp(ln_w - total[:, None]), 1 / size)
         return y, weights, total - np.log(size)
@@ -174,5 +174,5 @@ def _noise(stream: StreamAlone, y: Array, ln_weights: Array, rng: np.random.Gene
     whole = np.ones(len(flat), dtype=bool)
     here = stream.ln_likelihood(flat, whole)
     others = [stream.ln_likelihood(flat, whole, stream.likelihood.redrawn(rng)) - here for _ in range(REDRAWN)]
-    changes = np.array([logsumexp(each.reshape(shape) + ln_weights, axis=1) for each in others])
+    changes = np.array([np.logaddexp.reduce(each.reshape(shape) + ln_weights, axis=1) for each in others])
     return np.asarray(np.sqrt(np.mean((changes - changes.mean(axis=0)) ** 2, axis=0) * REDRAWN / (REDRAWN - 1)))

@@ -1,5 +1,8 @@
 """The sampler `emulator` in a run: certified, resumed without a call, with any number of workers; its history."""
 
+import shutil
+from unittest.mock import Mock
+
 import numpy as np
 import pytest
 from runfiles import FIT
@@ -55,12 +58,24 @@ def test_a_run_without_a_certificate_is_not_to_be_used():
     assert "Raise sampler.max_calls" in verdict.sentence
 
 
-def test_a_finished_run_is_resumed_without_a_call(run):
+def test_a_run_without_its_samples_is_resumed_without_a_call(run, tmp_path):
     out, first = run
-    again = sk.run(EMULATED, out=out, progress=False, products=False, resume=True)
+    copy = shutil.copytree(out, tmp_path / "copy")
+    (copy / "samples.h5").unlink()
+    again = sk.run(EMULATED, out=copy, progress=False, products=False, resume=True)
     assert again.calls == first.calls
     np.testing.assert_array_equal(again.samples, first.samples)
     assert stages(again) == stages(first)
+
+
+def test_a_run_that_has_ended_by_its_rule_is_not_sampled_again_with_the_same_settings(run, monkeypatch):
+    out, first = run
+    monkeypatch.setattr("streamkit.fit.runner.sample.run_sampler", Mock(side_effect=RuntimeError("sampled")))
+    again = sk.run(EMULATED, out=out, progress=False, products=False, resume=True)
+    np.testing.assert_array_equal(again.samples, first.samples)
+    other = EMULATED | {"sampler": EMULATED["sampler"] | {"max_calls": 1300}}
+    with pytest.raises(RuntimeError, match="sampled"):
+        sk.run(other, out=out, progress=False, products=False, resume=True)
 
 
 @pytest.mark.slow

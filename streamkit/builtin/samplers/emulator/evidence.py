@@ -7,7 +7,6 @@ The mixture is fitted to one population, and bridged to the other, which is inde
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import logsumexp
 
 from streamkit import Array
 from streamkit.builtin.samplers.emulator.changes import every_so_often
@@ -39,7 +38,7 @@ def noise_of_calls(joint: Joint, samples: Array, seed: list[int]) -> float:
         each.of_other_noise(some[:, factor.columns], rng, REDRAWN)
         for factor, each in zip(joint.factors, joint.emulated, strict=True)
     )
-    changes = logsumexp(others - here, axis=1) - np.log(len(some))
+    changes = np.logaddexp.reduce(others - here, axis=1) - np.log(len(some))
     return float(np.sqrt(np.mean(np.square(changes))))
 
 
@@ -65,4 +64,4 @@ def _bridge(
 
 def _ln_ratio(density: Density, mixture: Mixture, z: Array) -> Array:
     """(n,) ln of prior times likelihood over the density of a mixture; both Gaussians have the same constant."""
-    return np.asarray(density.terms(z).total(1.0) - logsumexp(mixture.ln_terms(z), axis=1))
+    return np.asarray(density.terms(z).total(1.0) - np.logaddexp.reduce(mixture.ln_terms(z), axis=1))

@@ -6,7 +6,6 @@ import warnings
 
 import numpy as np
 from scipy.cluster.vq import kmeans2
-from scipy.special import logsumexp
 
 from streamkit import Array
 from streamkit.builtin.gaussian_mixture import GaussianMixture
@@ -51,7 +50,7 @@ class Mixture(GaussianMixture):
     def ln_shares(self, y: Array) -> Array:
         """(n, k) ln probability of each component at y (n, d)."""
         terms = self.ln_terms(y)
-        return np.asarray(terms - logsumexp(terms, axis=1, keepdims=True))
+        return np.asarray(terms - np.logaddexp.reduce(terms, axis=1, keepdims=True))
 
     def draws(self, n: int, rng: np.random.Generator) -> Array:
         """(n, d) Draw places."""
@@ -72,7 +71,7 @@ class Mixture(GaussianMixture):
         k = np.argmax(here + rng.gumbel(size=here.shape), axis=1)
         chance = np.einsum("nij,nj->ni", self.roots[k], rng.standard_normal(y.shape))
         new = self.means[k] + np.sqrt(1 - drawn**2) * (y - self.means[k]) + drawn * chance
-        return new, logsumexp(terms, axis=1) - logsumexp(self.ln_terms(new), axis=1)
+        return new, np.logaddexp.reduce(terms, axis=1) - np.logaddexp.reduce(self.ln_terms(new), axis=1)
 
 
 def _clusters(white: Array, count: int, rng: np.random.Generator) -> Array:

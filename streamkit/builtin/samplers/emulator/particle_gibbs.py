@@ -19,7 +19,6 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import logsumexp
 
 from streamkit import Array, BoolArray, IntArray
 from streamkit.builtin.samplers.emulator.density import Density, Terms, gain
@@ -108,7 +107,8 @@ def move_shared(
         terms = known or density.terms(places.reshape(n * count, -1))
         each = terms.prior[:, 1:] + beta * terms.ln_likelihood
         ln_weights = each.reshape(n, count, -1) + ln_volumes[:, None] - ln_drawn
-        return Draws(places, terms, ln_weights, terms.prior[::count, 0] + logsumexp(ln_weights, axis=1).sum(axis=1))
+        of_streams = np.logaddexp.reduce(ln_weights, axis=1).sum(axis=1)
+        return Draws(places, terms, ln_weights, terms.prior[::count, 0] + of_streams)
 
     here, rates = at(h, terms if count == 1 else None), []
     for step in steps:
@@ -136,6 +136,6 @@ def _residuals(
         if mixture is not None and count > 1:
             each[:, 1:] = mixture.draws(n * (count - 1), rng).reshape(n, count - 1, len(own))
             terms = mixture.ln_terms(each.reshape(n * count, len(own)))
-            ln_drawn[:, :, k] = logsumexp(terms, axis=1).reshape(n, count)
+            ln_drawn[:, :, k] = np.logaddexp.reduce(terms, axis=1).reshape(n, count)
         found.append(each)
     return found, ln_drawn
