@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import cache
 from itertools import combinations_with_replacement
-from typing import Any
+from math import comb
 
 import numpy as np
 
@@ -12,12 +12,23 @@ from streamkit import Array, IntArray
 
 
 def monomials(x: Array, degree: int) -> Array:
-    """(n, terms) All monomials of x (n, d) up to the degree, each made from one of a degree less."""
-    blocks = [np.ones((len(x), 1)), *([x] if degree > 0 else [])]
+    """(n, terms) All monomials of x (n, d) up to the degree, in order of degree; each term is contiguous in memory.
+
+    Those of a degree whose first factor is x_i are x_i times the last of a degree less: all without x_j, j < i.
+    """
+    d, found = x.shape[1], np.empty((count(x.shape[1], degree), len(x)))
+    found[0] = 1.0
+    if degree > 0:
+        found[1 : d + 1] = x.T
+    end = d + 1
     for k in range(2, degree + 1):
-        parent, factor = _recipe(x.shape[1], k)
-        blocks.append(blocks[-1][:, parent] * x[:, factor])
-    return np.concatenate(blocks, axis=1)
+        at = end
+        for i in range(d):
+            rest = comb(d - i + k - 2, k - 1)
+            np.multiply(found[end - rest : end], found[1 + i], out=found[at : at + rest])
+            at += rest
+        end = at
+    return found.T
 
 
 def differentiated(coefficients: Array, d: int, degree: int) -> Array:
@@ -50,18 +61,6 @@ def _derivatives(d: int, degree: int) -> tuple[IntArray, IntArray]:
     return parents, powers
 
 
-@cache
-def _recipe(d: int, degree: int) -> tuple[IntArray, IntArray]:
-    """Return the monomials of a degree as (monomial of one degree less, one more coordinate)."""
-    lower: dict[Any, int] = {c: i for i, c in enumerate(combinations_with_replacement(range(d), degree - 1))}
-    all_of_it = list(combinations_with_replacement(range(d), degree))
-    return np.array([lower[c[:-1]] for c in all_of_it]), np.array([c[-1] for c in all_of_it])
-
-
 def count(d: int, degree: int) -> int:
-    """Return the number of monomials up to a degree."""
-    total = term = 1
-    for k in range(1, degree + 1):
-        term = term * (d + k - 1) // k
-        total += term
-    return total
+    """Return the number of monomials of d coordinates up to a degree."""
+    return comb(d + degree, degree)
