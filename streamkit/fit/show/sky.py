@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib import patheffects
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from scipy.spatial.distance import cdist
 
 from streamkit.components import Observable
 from streamkit.errors import ChainError, OutOfDomain
@@ -20,6 +21,7 @@ from streamkit.stream import Array, Prediction, SkyFrame, Stream, sky_matrix
 
 SIZE = (11.0, 6.0)  # inches
 SHOWN = 1000  # most particles of a stream
+COMPARED = 100  # some of them, to find a colour that no stream nearby has
 COLOURS = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#B58900", "#56B4E9", "#6A3D9A"
 NAME = 9.0  # points of a stream's name
 LETTER, LINE = 0.6, 1.3  # width of a letter and height of a name, in points of its size
@@ -38,11 +40,12 @@ def sky(results: Results) -> Figure:
     axes = figure.add_subplot(projection="mollweide")
     axes.grid(color="#DDDDDD", lw=0.6)
     taken: list[tuple[float, float, float, float]] = []
-    for i, (name, stream) in enumerate(best.streams.items()):
-        colour = COLOURS[i % len(COLOURS)]
+    drawn: list[list[Array]] = [[] for _ in COLOURS]
+    for name, stream in best.streams.items():
         debris = np.flatnonzero(~stream.bound)[:: max(int((~stream.bound).sum()) // SHOWN, 1)]
         seen = stream.seen("galactic")
         x, y = _place(seen.lon[debris], seen.lat[debris])
+        colour = _colour(np.stack([x, y], axis=1)[:: max(len(x) // COMPARED, 1)], drawn)
         axes.plot(x, y, ".", color=colour, ms=1.2, alpha=0.5, mew=0, rasterized=True)
         places = list(_data(bound.streams[name], stream, best.predictions.get(name)))
         along = [np.concatenate(each) for each in zip(*places, strict=True)] if places else [x, y]
@@ -56,6 +59,17 @@ def sky(results: Results) -> Figure:
     if text := remark(results):
         axes.set_title(text, color=VERMILION, fontsize=12)
     return figure
+
+
+def _colour(places: Array, drawn: list[list[Array]]) -> str:
+    """Return the colour of a stream at places (n, 2): the first that is free, or that whose streams are farthest away.
+
+    The places are added to those drawn in each colour.
+    """
+    apart = [min((cdist(places, each).min() for each in streams), default=np.inf) for streams in drawn]
+    chosen = int(np.argmax(apart))
+    drawn[chosen].append(places)
+    return COLOURS[chosen]
 
 
 def _place(lon: Array, lat: Array) -> tuple[Array, Array]:

@@ -23,7 +23,7 @@ from streamkit.fit.samples.tables import stream_table
 from streamkit.fit.show.corner import corner
 from streamkit.fit.show.figures import parameters_of, priors, traces
 from streamkit.fit.show.predictive import FARTHEST, draw_predictive
-from streamkit.fit.show.sky import sky
+from streamkit.fit.show.sky import COLOURS, _colour, sky
 from streamkit.fit.show.text import describe_results
 from streamkit.runfile import DATA
 
@@ -93,6 +93,13 @@ def test_the_data_are_where_astropy_has_them_on_the_sky(monkeypatch: pytest.Monk
     x, y = circles[0].get_data()
     np.testing.assert_allclose(-x, galactic.l.wrap_at(180 * u.deg).radian, atol=1e-6)
     np.testing.assert_allclose(y, galactic.b.radian, atol=1e-6)
+
+
+def test_a_stream_has_no_colour_of_a_stream_beside_it() -> None:
+    """The first of three more streams than colours lies on the second one, and so on: each gets another colour."""
+    places, drawn = [np.array([[float(i), 0.0]]) for i in range(len(COLOURS))], [[] for _ in COLOURS]
+    assert [_colour(each, drawn) for each in places] == list(COLOURS)
+    assert [_colour(places[i] + 0.1, drawn) for i in (0, 1, 6)] == [COLOURS[6], COLOURS[5], COLOURS[0]]
 
 
 def test_of_many_data_the_farthest_are_drawn() -> None:
