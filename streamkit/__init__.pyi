@@ -63,6 +63,7 @@ from .fit import Results as Results
 from .fit import host_table as host_table
 from .fit import load_results as load_results
 from .fit import run as run
+from .gaussian_mixture import GaussianMixture as GaussianMixture
 from .model import Host as Host
 from .model import Model as Model
 from .report import draw_track as draw_track

@@ -26,7 +26,7 @@ LAYERS = (
     {"model", "report"},
     {"observe", "runfile"},
     {"components"},
-    {"convergence"},
+    {"convergence", "gaussian_mixture"},
     {"fields"},
     {"expansion"},
     {"engine"},

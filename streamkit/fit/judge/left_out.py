@@ -5,8 +5,9 @@ stream's data averaged over the prior of its own parameters o. For any normalise
 g / (L_k p(o)) over p(o | h, all) is 1 / Z_k(h) (Gelfand & Dey 1994, J. R. Statist. Soc. B 56, 501). Here g is a
 Gaussian about a quadratic in h, in coordinates in which each prior is a standard normal, and ln Z_k the quadratic in h
 that makes this mean 1 with each of its terms. The samples get weights 1 / Z_k. For a linear model with Gaussian errors
-and priors every sample gives Z_k itself; otherwise they scatter about it. One over the mean of 1 / Z_k is the density
-of the stream's data, given those of all others.
+and priors every sample gives Z_k itself; otherwise they scatter about it. Where a mixture of Gaussians is nearer to the
+samples, g is one that the other samples were fitted to. One over the mean of 1 / Z_k is the density of the stream's
+data, given those of all others.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from scipy.special import ndtri
 from scipy.stats import chi2
 
 from streamkit.fit.judge.predictive import prior_fractions
+from streamkit.gaussian_mixture import GaussianMixture
 from streamkit.runfile import Factor, Prior
 from streamkit.stream import Array
 
@@ -26,6 +28,7 @@ INSIDE = 1e-6  # smallest fraction of a prior below or above a sample: beyond, a
 INFORMED = 0.03  # a direction counts if the variance of the shared parameters in it rises by this part
 FEWEST = 100.0  # effective samples below which there are no intervals
 ROUGH = 0.3  # standard error of ln Z_k above which own parameters are too far from a Gaussian for the samples
+COMPONENTS, FOLDS = 4, 4  # Gaussians of a mixture; parts of the samples, each compared with the fit to the others
 STEPS, SETTLED = 100, 1e-9  # Newton steps to the quadratic, at most; the gain at which they end
 
 
@@ -118,7 +121,9 @@ def _without(h: Array, o: Array, ln_l: Array, name: str) -> LeftOut:
         away = o - terms @ np.linalg.lstsq(terms, o, rcond=None)[0]
         covariance = away.T @ away / max(len(o) - terms.shape[1], 1)
         squares = np.einsum("ni,ij,nj->n", away, np.linalg.inv(covariance), away)
-        ln_z += 0.5 * (squares + np.linalg.slogdet(covariance)[1] - (o**2).sum(axis=1))
+        gaussian = -0.5 * (squares + np.linalg.slogdet(covariance)[1])
+        mixture = _ln_mixture(away)
+        ln_z -= (mixture if mixture.mean() > gaussian.mean() else gaussian) + 0.5 * (o**2).sum(axis=1)
     coefficients, error = _mean_of_inverse(terms, ln_z)
     smooth = terms @ coefficients
     weights = np.exp(smooth.min() - smooth)
@@ -137,6 +142,19 @@ def _without(h: Array, o: Array, ln_l: Array, name: str) -> LeftOut:
         along, used = vectors.T @ half @ mean, values > INFORMED
         shift, directions = float((along[used] ** 2 / values[used]).sum()), int(used.sum())
     return LeftOut(name, weights / weights.sum(), error, mean, shift, directions, ln_density)
+
+
+def _ln_mixture(away: Array) -> Array:
+    """(n,) ln of the density of samples (n, p) in Gaussian mixtures that the others were fitted to, up to a constant.
+
+    A sample in the fit itself would be where the density is high by chance.
+    """
+    rng = np.random.default_rng(len(away))
+    part, found = rng.permutation(len(away)) % FOLDS, np.empty(len(away))
+    for i in range(FOLDS):
+        mixture = GaussianMixture.fitted(away[part != i], COMPONENTS, rng)
+        found[part == i] = np.logaddexp.reduce(mixture.ln_terms(away[part == i]), axis=1)
+    return found
 
 
 def _mean_of_inverse(terms: Array, ln_z: Array) -> tuple[Array, float]:

@@ -15,7 +15,7 @@ from streamkit.model import Host
 from streamkit.observe import compare_with_data
 from streamkit.stream import Array
 
-MOST = 1000  # samples whose likelihoods are compared
+MOST = 2000  # samples whose likelihoods are compared
 RADII = (20.0, 50.0)  # kpc, of the masses
 NONE = "none"  # the row of the fit to all data
 

@@ -299,7 +299,7 @@ class Results:
         parameter that streams share, the change of its mean in standard deviations of the fit to all, in coordinates in
         which its prior is Gaussian; p, the chance of a change as large if the stream agrees with the others; the same
         for the number of streams; ln of the density of its data, given all others; and why there are no numbers. From
-        at most 1000 samples and their predictions.
+        at most 2000 samples and their predictions.
         """
         return self.with_provenance(self._left_out)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.stats import chi2, laplace, multivariate_normal, norm
+from scipy.stats import chi2, laplace, loggamma, multivariate_normal, norm
 
 from streamkit.fit.judge.left_out import leave_out, normal_scores
 from streamkit.runfile import Factor, Normal, Uniform
@@ -88,6 +88,22 @@ def test_own_parameters_far_from_a_gaussian_are_averaged_over() -> None:
     assert left.weights @ h == pytest.approx(expected @ h, abs=4 * left.error * 0.5)
     assert left.ln_density == pytest.approx(-np.log(np.mean(np.exp(-ln_z))), abs=4 * left.error)
     assert left.error < 0.02
+
+
+def test_a_mixture_knows_skew_own_parameters_from_fewer_samples(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Three own parameters are logarithms of gamma distributed numbers, and ln Z is a quadratic in h."""
+    rng, n, p, skew = np.random.default_rng(8), 1000, 3, loggamma(0.5)
+    h, o = rng.normal(0.3, 0.5, n), skew.rvs((n, p), random_state=rng)
+    ln_z = -1.2 + 0.7 * h - 0.4 * h**2
+    ln_l = ln_z + (skew.logpdf(o) - norm.logpdf(o)).sum(axis=1)
+    expected = -np.log(np.mean(np.exp(-ln_z)))
+    factor = Factor("s", np.arange(1), 1 + np.arange(p))
+    (left,) = leave_out(np.column_stack([h, o]), {"s": ln_l}, [factor])
+    assert not left.problem
+    assert left.ln_density == pytest.approx(expected, abs=3 * left.error)
+    monkeypatch.setattr("streamkit.fit.judge.left_out.COMPONENTS", 1)
+    (gaussian,) = leave_out(np.column_stack([h, o]), {"s": ln_l}, [factor])
+    assert left.error < 0.8 * gaussian.error
 
 
 def test_the_shift_is_that_of_the_closed_form() -> None:

@@ -15,7 +15,6 @@ import numpy as np
 from scipy.special import ndtri
 
 import streamkit as sk
-from streamkit.builtin.gaussian_mixture import GaussianMixture
 from streamkit.builtin.observables.stars.catalogue import Catalogue, ends_of
 from streamkit.builtin.observables.stars.rough_track import rough_track_of
 
@@ -28,7 +27,7 @@ FEW = 30.0  # stars of the field for each Gaussian
 OF_MISSING = 2  # Gaussians of a column that some stars lack
 
 
-class Gaussians(GaussianMixture):
+class Gaussians(sk.GaussianMixture):
     """A Gaussian mixture with its whole density."""
 
     def ln_terms(self, y: sk.Array) -> sk.Array:

@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
-from scipy.cluster.vq import kmeans2
 
-from streamkit import Array
-from streamkit.builtin.gaussian_mixture import GaussianMixture
+from streamkit import Array, GaussianMixture
 
-# Places for each parameter that a component has at least, most components, and steps of their fit.
-PLACES, COMPONENTS, STEPS = 12, 24, 12
-# What is added to the diagonal of covariances, as a fraction of the whole population's.
-RIDGE = 1e-6
+# Places for each parameter that a component has at least, and most components.
+PLACES, COMPONENTS = 12, 24
 # Of a mixture with long ends: the fraction of each component that is wider, and by which factor.
 ENDS, WIDER = 0.2, 2.0
 
@@ -23,19 +17,9 @@ class Mixture(GaussianMixture):
 
     @classmethod
     def of(cls, places: Array, rng: np.random.Generator) -> Mixture:
-        """Fit places (n, d) by expectation maximisation, from clusters."""
+        """Fit places (n, d), with as many components as they can tell apart."""
         n, d = places.shape
-        count = int(np.clip(n // (PLACES * d), 1, COMPONENTS))
-        spread = np.maximum(places.std(axis=0), 1e-300)
-        white = (places - places.mean(axis=0)) / spread
-        share = np.eye(count)[_clusters(white, count, rng)]
-        for _ in range(STEPS if count > 1 else 1):
-            held = share.sum(axis=0)
-            share = share[:, held > min(d + 2, 0.99 * held.max())]  # one is left, of however few places
-            mixture = cls.of_shares(white, share, RIDGE * np.eye(d))
-            share = np.exp(mixture.ln_shares(white))
-        means = mixture.means * spread + places.mean(axis=0)
-        return cls(mixture.weights, means, mixture.roots * spread[:, None], mixture.inverses / spread)
+        return cls.fitted(places, int(np.clip(n // (PLACES * d), 1, COMPONENTS)), rng)
 
     def with_long_ends(self) -> Mixture:
         """Return the mixture with a part of each component wider.
@@ -46,11 +30,6 @@ class Mixture(GaussianMixture):
         roots, inverses = (np.concatenate([each, wider]) for each, wider in (
             (self.roots, WIDER * self.roots), (self.inverses, self.inverses / WIDER)))  # fmt: skip
         return Mixture(weights, np.concatenate([self.means, self.means]), roots, inverses)
-
-    def ln_shares(self, y: Array) -> Array:
-        """(n, k) ln probability of each component at y (n, d)."""
-        terms = self.ln_terms(y)
-        return np.asarray(terms - np.logaddexp.reduce(terms, axis=1, keepdims=True))
 
     def draws(self, n: int, rng: np.random.Generator) -> Array:
         """(n, d) Draw places."""
@@ -72,12 +51,3 @@ class Mixture(GaussianMixture):
         chance = np.einsum("nij,nj->ni", self.roots[k], rng.standard_normal(y.shape))
         new = self.means[k] + np.sqrt(1 - drawn**2) * (y - self.means[k]) + drawn * chance
         return new, np.logaddexp.reduce(terms, axis=1) - np.logaddexp.reduce(self.ln_terms(new), axis=1)
-
-
-def _clusters(white: Array, count: int, rng: np.random.Generator) -> Array:
-    """(n,) Return the number of a cluster for each place."""
-    if count == 1:
-        return np.zeros(len(white), dtype=int)
-    with warnings.catch_warnings():  # an empty cluster is left out
-        warnings.filterwarnings("ignore", message="One of the clusters is empty")
-        return np.asarray(kmeans2(white, count, minit="++", rng=rng)[1])
