@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import click
@@ -55,7 +56,8 @@ def families(
     specs = dict(zip(names, [spec, *(study.host_of(spec, file) for file in hosts)], strict=True))
 
     def run(done: Callable[[], object]) -> grid.Products:
-        found = study.run_families(specs, options.out, options.workers, resume, options.force, by, done)
+        tell = None if options.quiet else partial(click.echo, err=True)
+        found = study.run_families(specs, options.out, options.workers, resume, options.force, by, done, tell)
         return study.families_products(found)
 
     conduct(options, len(specs), run, unit="fit")

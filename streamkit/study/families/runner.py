@@ -100,11 +100,13 @@ def run_families(
     force: bool = False,
     by: str = EVIDENCE,
     done: Callable[[], object] = lambda: None,
+    tell: Callable[[str], object] | None = None,
 ) -> Families:
     """Fit all of several run files by name, each in its own directory of ``out``; ``done`` is called after each.
 
     Their weights are made from ``by``, one of `WEIGHTS`. With ``resume``, finished fits are read and unfinished ones go
-    on. The hosts differ, so that no call of one serves another.
+    on. If ``tell`` is given, it is called with a sentence before each fit, and the progress of all is shown. The hosts
+    differ, so that no call of one serves another.
 
     Raises StreamkitError for fewer than two, and whatever `streamkit.run` raises: fits before it stay.
     """
@@ -117,11 +119,13 @@ def run_families(
             f"several streams by the others; use --weights {EVIDENCE}"
         )
     families: list[Family] = []
-    for name, spec in specs.items():
+    for i, (name, spec) in enumerate(specs.items(), start=1):
         directory = out / name
         going_on = resume and directory.exists()
+        if tell is not None:
+            tell(f"{directory}: fit {i} of {len(specs)}")
         try:
-            results = run(spec, directory, workers=workers, resume=going_on, force=force, progress=False)
+            results = run(spec, directory, workers=workers, resume=going_on, force=force, progress=tell is not None)
         except Interrupted as stop:  # its message continues this fit alone
             told = f"{directory}: interrupted; {len(families)} of {len(specs)} fits are finished; --resume goes on"
             raise Interrupted(told, stop.exit_status - 128) from None

@@ -114,6 +114,7 @@ def test_the_command_gives_the_evidences_of_the_formula(compared: tuple[Path, An
     assert (np.abs(found - expected) < np.maximum(4 * errors, 0.03)).all(), (found, expected, errors)
     weight = 1 / (1 + np.exp(expected[1] - expected[0]))
     assert table["weight"][:2] == pytest.approx([weight, 1 - weight], abs=0.03)
+    assert f"{where / 'out' / 'far'}: fit 2 of 2" in result.stderr
     assert "The choice of a family moves the mass" in " ".join(result.output.split())
 
 
@@ -160,7 +161,8 @@ def test_bad_input_is_a_sentence(tmp_path: Path, text: str, sentence: str) -> No
 
 
 def test_an_interruption_says_how_to_go_on_with_all_fits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def stopped(*_args: Any, **_named: Any) -> None:
+    def stopped(*_args: Any, **named: Any) -> None:
+        assert named["progress"]  # a fit takes minutes
         raise Interrupted("stopped after 3 steps. To continue: streamkit run", signal.SIGTERM)
 
     monkeypatch.setattr("streamkit.study.families.runner.run", stopped)
