@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from functools import cache
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -89,13 +90,18 @@ class Component(BaseModel, ABC):
     @classmethod
     def measured(cls) -> dict[str, Unit]:
         """Return the units of the fields that are numbers, or arrays of them."""
-        units = {name: unit_of(field) or array_unit(field) for name, field in cls.model_fields.items()}
-        return {name: unit for name, unit in units.items() if unit is not None}
+        return _measured(cls)
 
     @classmethod
     def parameters(cls) -> dict[str, Unit]:
         """Return the fields that are physical numbers, and may thus have a prior, with their units."""
         return {name: unit for name, field in cls.model_fields.items() if (unit := unit_of(field)) is not None}
+
+
+@cache  # a call of a model asks a dozen times
+def _measured(cls: type[Component]) -> dict[str, Unit]:
+    units = {name: unit_of(field) or array_unit(field) for name, field in cls.model_fields.items()}
+    return {name: unit for name, unit in units.items() if unit is not None}
 
 
 class StrippingScheme(Component):
