@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -140,9 +141,9 @@ class Sampled:
                 parts = parts_of(predictions[stream])
                 for name, observable in observables.items():
                     path = ".".join([stream] * (stream != ONLY) + [name] * (name != UNNAMED))
-                    yield replace(_with_residuals(path, observable, parts[name], self.add_noise), stream=stream)
+                    yield Measured(path, observable, read_data(observable, self.add_noise), parts[name], stream)
         for name, datum in of_host.items():
-            yield _with_residuals(f"data.{name}", datum, predictions[f"data.{name}"], self.add_noise)
+            yield Measured(f"data.{name}", datum, read_data(datum, self.add_noise), predictions[f"data.{name}"])
 
 
 def goodness(sampled: Sampled) -> Goodness | None:
@@ -185,9 +186,17 @@ class Measured:
     measurement: Measurement
     data: Data
     prediction: Prediction
-    residuals: Array  # (m,) NaN for a measurement without residuals
-    is_judged: bool = True  # whether there are residuals
     stream: str = DATA  # the name of its stream; `DATA` for data of the host
+
+    @cached_property
+    def residuals(self) -> Array | None:
+        """(m,) The residuals; None for a measurement without any."""
+        return residuals_of(self.measurement, self.prediction, self.data)
+
+    @property
+    def is_judged(self) -> bool:
+        """Whether there are residuals."""
+        return self.residuals is not None
 
     @property
     def rows(self) -> IntArray:
@@ -208,8 +217,8 @@ class Measured:
         return tuple(f"{self.name}.{self.prediction.names[row]}".removeprefix(".") for row in rows)
 
     def of(self, rows: IntArray) -> Array:
-        """Return the residuals of some rows."""
-        return self.residuals[rows]
+        """Return the residuals of some rows; NaN for a measurement without any."""
+        return np.full(len(rows), np.nan) if self.residuals is None else self.residuals[rows]
 
     def square(self, rows: IntArray) -> float:
         """Return chi^2 of some rows."""
@@ -219,14 +228,6 @@ class Measured:
         noise = self.prediction.variance[rows] if self.data.add_noise else np.zeros(len(rows))
         whole = self.data.covariance[np.ix_(rows, rows)] + np.diag(noise)
         return float(away @ np.linalg.solve(whole, away))
-
-
-def _with_residuals(name: str, measurement: Measurement, prediction: Prediction, add_noise: bool) -> Measured:
-    data = read_data(measurement, add_noise)
-    residuals = residuals_of(measurement, prediction, data)
-    if residuals is None:
-        return Measured(name, measurement, data, prediction, np.full(len(data.values), np.nan), is_judged=False)
-    return Measured(name, measurement, data, prediction, residuals)
 
 
 def _replaced(prediction: Prediction, mean: Array, variance: Array) -> Prediction:

@@ -1,6 +1,7 @@
 """Goodness of fit: residuals and p-values against closed forms and replicated data, and bad fits that are seen."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -73,9 +74,10 @@ def test_a_covariance_counts():
     """Data with a correlation of 0.9: a common shift is likely, an opposite one is not."""
     data = Data(np.zeros(2), np.ones(2), covariance=np.array([[1, 0.9], [0.9, 1]]))
     rows = np.arange(2)
+    plain = SimpleNamespace(role="observable", kind="plain", residuals=lambda *_: None, ln_likelihood=lambda *_: None)
     for sign, expected in ((1, 2 * 4 / 1.9), (-1, 2 * 4 / 0.1)):
         prediction = sk.Prediction(("a", "b"), np.array([2.0, 2.0 * sign]), np.zeros(2))
-        one = Measured("", None, data, prediction, data.residuals(prediction.mean, prediction.variance))
+        one = Measured("", plain, data, prediction)
         assert one.square(rows) == pytest.approx(expected)
         assert one.square(rows[:1]) == pytest.approx(4.0)
 
