@@ -34,9 +34,13 @@ class Family:
 
     @cached_property
     def ln_density(self) -> Array:
-        """(n,) ln of the density of each stream's data, given those of all others; NaN where it is not known."""
+        """(n,) ln of the density of each stream's data, given those of all others; NaN where it is not known.
+
+        Data of the host count among the others: often no stream could do without them.
+        """
         table = self.results.left_out()
-        return np.array(table["ln_density"])[1:] if len(table) else np.empty(0)
+        streams = [name in self.results.spec.streams for name in table["without"]]
+        return np.array(table["ln_density"])[streams] if any(streams) else np.empty(0)
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ import streamkit as sk
 from streamkit.errors import Interrupted
 from streamkit.study.families import average, stacking_weights, weights_of
 from streamkit.study.families.products import remedy
+from streamkit.study.families.runner import Family
 
 RUN = """
 seed = 3
@@ -59,6 +61,13 @@ def test_stacking_finds_the_best_mixture() -> None:
     assert (errors > 0).all()
     better = np.log([[1.0, 2.0], [1.0, 5.0]])  # one family that predicts all streams better gets all the weight
     assert stacking_weights(better, 1)[0] == pytest.approx([0, 1], abs=1e-6)
+
+
+def test_stacking_predicts_streams_and_no_data_of_the_host() -> None:
+    """Without a rotation curve the streams may leave the host undetermined."""
+    table = QTable({"without": ["none", "gd1", "pal5", "[data]"], "ln_density": [np.nan, -135.0, -35.0, np.nan]})
+    results: Any = SimpleNamespace(left_out=lambda: table, spec=SimpleNamespace(streams={"gd1": None, "pal5": None}))
+    assert Family("near", results).ln_density.tolist() == [-135.0, -35.0]
 
 
 def test_stacking_needs_several_streams(tmp_path: Path) -> None:
