@@ -67,7 +67,7 @@ def _clusters(white: Array, count: int, rng: np.random.Generator) -> Array:
     """(n,) Return the number of a cluster for each place."""
     if count == 1:
         return np.zeros(len(white), dtype=int)
-    from scipy.cluster.vq import kmeans2  # as slow to import as streamkit
+    from scipy.cluster.vq import kmeans2  # slow to import, and few commands need it
 
     with warnings.catch_warnings():  # an empty cluster is left out
         warnings.filterwarnings("ignore", message="One of the clusters is empty")
