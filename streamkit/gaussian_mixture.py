@@ -62,6 +62,10 @@ class GaussianMixture(NamedTuple):
         volumes = np.log(np.einsum("kii->ki", self.inverses)).sum(axis=1)
         return np.asarray(np.log(self.weights) + volumes - 0.5 * np.einsum("nki,nki->nk", white, white))
 
+    def ln_density(self, y: Array) -> Array:
+        """(n,) ln of the density at y (n, d), up to the constant of `ln_terms`."""
+        return np.asarray(np.logaddexp.reduce(self.ln_terms(y), axis=1))
+
 
 def _clusters(white: Array, count: int, rng: np.random.Generator) -> Array:
     """(n,) Return the number of a cluster for each place."""

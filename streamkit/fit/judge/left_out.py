@@ -153,7 +153,7 @@ def _ln_mixture(away: Array) -> Array:
     part, found = rng.permutation(len(away)) % FOLDS, np.empty(len(away))
     for i in range(FOLDS):
         mixture = GaussianMixture.fitted(away[part != i], COMPONENTS, rng)
-        found[part == i] = np.logaddexp.reduce(mixture.ln_terms(away[part == i]), axis=1)
+        found[part == i] = mixture.ln_density(away[part == i])
     return found
 
 

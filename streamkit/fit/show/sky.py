@@ -66,7 +66,7 @@ def _colour(places: Array, drawn: list[list[Array]]) -> str:
 
     The places are added to those drawn in each colour.
     """
-    apart = [min((cdist(places, each).min() for each in streams), default=np.inf) for streams in drawn]
+    apart = [min((cdist(places, each).min(initial=np.inf) for each in streams), default=np.inf) for streams in drawn]
     chosen = int(np.argmax(apart))
     drawn[chosen].append(places)
     return COLOURS[chosen]

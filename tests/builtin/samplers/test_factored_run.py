@@ -93,7 +93,7 @@ def test_a_run_of_two_workers_that_is_killed_is_the_run_of_one_that_was_not(run,
     def stored() -> int:
         return sum(calls_in(path) for path in copy.glob("*calls.*.journal"))
 
-    for wanted in (0, 1, 150):
+    for wanted in (0, 1, 60, 150, 300):
         process = multiprocessing.get_context("fork").Process(
             target=sk.run, args=(results.spec,), kwargs=options | {"resume": copy.exists()}
         )

@@ -100,6 +100,7 @@ def test_a_stream_has_no_colour_of_a_stream_beside_it() -> None:
     places, drawn = [np.array([[float(i), 0.0]]) for i in range(len(COLOURS))], [[] for _ in COLOURS]
     assert [_colour(each, drawn) for each in places] == list(COLOURS)
     assert [_colour(places[i] + 0.1, drawn) for i in (0, 1, 6)] == [COLOURS[6], COLOURS[5], COLOURS[0]]
+    assert _colour(np.empty((0, 2)), drawn) in COLOURS  # no debris at all
 
 
 def test_of_many_data_the_farthest_are_drawn() -> None:

@@ -69,7 +69,7 @@ def _ln_density(
     if complete:
         x = np.stack([scores[name][0] for name in ("phi1", *complete)], axis=1)
         joint = fitted(x, weight, count, least)
-        total = _ln_sum(joint.ln_terms(x)) - _ln_sum(joint.first().ln_terms(x[:, :1]))
+        total = joint.ln_density(x) - joint.first().ln_density(x[:, :1])
         total += sum(scores[name][1] for name in complete)
     for name in stars.columns:
         if name in complete:
@@ -77,7 +77,7 @@ def _ln_density(
         there = np.flatnonzero(np.isfinite(stars.values[name]))
         x = scores[name][0][there, None]
         alone = fitted(x, weight[there], OF_MISSING if len(there) > OF_MISSING * FEW else 1, least)
-        total[there] += _ln_sum(alone.ln_terms(x)) + scores[name][1][there]
+        total[there] += alone.ln_density(x) + scores[name][1][there]
     return total
 
 
@@ -110,7 +110,7 @@ def fitted(x: sk.Array, weight: sk.Array, count: int, least: float) -> Gaussians
     found, before = _maximised(x, share, chance, floor), -np.inf
     for _ in range(STEPS):
         terms = found.ln_terms(x)
-        ln_density = _ln_sum(terms)
+        ln_density = np.logaddexp.reduce(terms, axis=1)
         reached = float(share @ ln_density)
         if reached - before < SETTLED:
             break
@@ -121,7 +121,3 @@ def fitted(x: sk.Array, weight: sk.Array, count: int, least: float) -> Gaussians
 def _maximised(x: sk.Array, share: sk.Array, chance: sk.Array, floor: sk.Array) -> Gaussians:
     """Return the Gaussians of points that belong to them by chance (N, G)."""
     return Gaussians.of_shares(x, share[:, None] * chance + 1e-300, floor)
-
-
-def _ln_sum(terms: sk.Array) -> sk.Array:
-    return np.asarray(np.logaddexp.reduce(terms, axis=1))

@@ -64,4 +64,4 @@ def _bridge(
 
 def _ln_ratio(density: Density, mixture: Mixture, z: Array) -> Array:
     """(n,) ln of prior times likelihood over the density of a mixture; both Gaussians have the same constant."""
-    return np.asarray(density.terms(z).total(1.0) - np.logaddexp.reduce(mixture.ln_terms(z), axis=1))
+    return np.asarray(density.terms(z).total(1.0) - mixture.ln_density(z))

@@ -50,4 +50,4 @@ class Mixture(GaussianMixture):
         k = np.argmax(here + rng.gumbel(size=here.shape), axis=1)
         chance = np.einsum("nij,nj->ni", self.roots[k], rng.standard_normal(y.shape))
         new = self.means[k] + np.sqrt(1 - drawn**2) * (y - self.means[k]) + drawn * chance
-        return new, np.logaddexp.reduce(terms, axis=1) - np.logaddexp.reduce(self.ln_terms(new), axis=1)
+        return new, np.logaddexp.reduce(terms, axis=1) - self.ln_density(new)

@@ -135,7 +135,6 @@ def _residuals(
         each = np.repeat(follow[k].left(h, z[:, own])[:, None], count, axis=1)
         if mixture is not None and count > 1:
             each[:, 1:] = mixture.draws(n * (count - 1), rng).reshape(n, count - 1, len(own))
-            terms = mixture.ln_terms(each.reshape(n * count, len(own)))
-            ln_drawn[:, :, k] = np.logaddexp.reduce(terms, axis=1).reshape(n, count)
+            ln_drawn[:, :, k] = mixture.ln_density(each.reshape(n * count, len(own))).reshape(n, count)
         found.append(each)
     return found, ln_drawn
