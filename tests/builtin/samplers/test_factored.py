@@ -10,6 +10,7 @@ from shortened import take_few_steps
 
 from streamkit.builtin.samplers.emulator import missing, together
 from streamkit.builtin.samplers.emulator.calls import Calls
+from streamkit.builtin.samplers.emulator.certificate import Certificate
 from streamkit.builtin.samplers.emulator.density import Emulated
 from streamkit.builtin.samplers.emulator.missing import (
     FAR,
@@ -70,7 +71,7 @@ def test_two_streams_and_data_of_the_host() -> None:
 
 def test_fresh_calls_are_made_until_a_fault_of_all_streams_together_would_show(monkeypatch) -> None:
     def certified(emulated, fresh, *others):  # the test of each stream alone is another one
-        return SimpleNamespace(faults=(), calls=len(fresh))
+        return Certificate(len(fresh), *[np.nan] * 12, faults=())
 
     monkeypatch.setattr(together, "certify", certified)
     monkeypatch.setattr(together, "MOVED", np.inf)  # one trend in twenty is larger than chance says
@@ -84,7 +85,7 @@ def test_fresh_calls_are_made_until_a_fault_of_all_streams_together_would_show(m
 
     def tested(blind: float, max_calls: int = 9000) -> tuple[together.Trend, list[str]]:
         monkeypatch.setattr(together, "BLIND", blind)
-        return together.tested_together(known, samples, factor.shared, max_calls, rng)
+        return together.tested_together(known, [None] * 3, samples, factor.shared, max_calls, rng)
 
     def fresh() -> int:
         return sum(each.certificate.calls for each in known)
@@ -136,6 +137,22 @@ def test_streams_that_are_all_learned_are_called_where_they_move_the_posterior(m
     assert called([quiet, stream(0.0, away=LEFT), stream(0.0, taught=SETTLED)], np.inf) == [2]
     assert called([quiet, stream(0.0, away=LEFT)], 0.0) == [1]
     assert called([stream(0.2, calls=1000), quiet], 0.2) == [1]  # no calls are left
+
+
+def test_where_the_trend_of_all_is_refused_those_that_make_it_are_called(monkeypatch) -> None:
+    monkeypatch.setattr(missing, "moved_away", lambda *_: 0.0)
+
+    def stream(trend: float, held_out: int) -> SimpleNamespace:
+        tested = SimpleNamespace(faults=(), held_out=held_out)
+        return SimpleNamespace(certificate=tested, blur=0.0, share=0.0, taught=0.0, trend=trend, calls=range(100))
+
+    def called(held_out: int) -> list[float]:
+        known = [stream(trend, held_out) for trend in (0.02, 0.15, 0.04, 0.09)]
+        wanted = missing.to_be_called(known, np.empty((0, 1)), 0.0, 0.0, 1000, trend=True)
+        return [each.trend for each in wanted]
+
+    assert called(held_out=0) == []  # fresh calls tested all: they are learned from, and others are held out
+    assert called(held_out=200) == [0.15, 0.09]
 
 
 def test_a_move_within_the_noise_of_all_calls_asks_for_no_more_of_them() -> None:

@@ -76,6 +76,8 @@ class Certificate:
         what noise changes; and the same where only noise makes the weights: the largest in 95 of 100 cases.
     faults
         Sentences: why the posterior must not be used; none if it is certified.
+    held_out
+        How many of the calls were held out of those that it had, and not fresh.
     """
 
     calls: int
@@ -92,6 +94,7 @@ class Certificate:
     weighed: float
     weighed_by_chance: float
     faults: tuple[str, ...]
+    held_out: int = 0
 
 
 class Trend(NamedTuple):
@@ -158,12 +161,18 @@ def _tries(chance: float) -> int:
 
 
 def changes_by_trend(
-    emulated: Emulated, fresh: Calls, some: Array, rng: np.random.Generator, tries: int = TRIES
+    emulated: Emulated,
+    fresh: Calls,
+    some: Array,
+    rng: np.random.Generator,
+    tries: int = TRIES,
+    by_sign: bool = False,
 ) -> Array | None:
     """(1 + ``tries``, n) Return what a linear trend of the residuals of fresh calls adds to ln L at samples (n, d).
 
     The first row is that of the residuals as they are, the others those of residuals in another order, whose trends are
-    chance. NaN where the calls do not span the parameters; None where too few of them have a prediction.
+    chance; or ``by_sign`` each call's with a sign by chance, whose mean is chance too. NaN where the calls do not span
+    the parameters; None where too few of them have a prediction.
     """
     fresh = fresh.take(fresh.good)
     if len(fresh) < 3 * some.shape[1]:
@@ -184,8 +193,12 @@ def changes_by_trend(
         mean[:, used] += (there @ slope) * problem.errors[used]
         return problem.compare(theta, mean, variance, predicted.details) - base
 
+    def by_chance() -> Array:
+        signs = rng.choice([-1.0, 1.0], size=(len(residual), 1)) if by_sign else None
+        return np.asarray(rng.permutation(residual) if signs is None else signs * residual)
+
     try:
-        return np.array([change(residual), *(change(rng.permutation(residual)) for _ in range(tries))])
+        return np.array([change(residual), *(change(by_chance()) for _ in range(tries))])
     except LinAlgError:
         return np.full((1 + tries, len(some)), np.nan)
 

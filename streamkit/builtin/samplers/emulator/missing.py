@@ -30,6 +30,8 @@ FEW = 16
 # Standard deviations that the posterior may move after a factor's last calls: beyond, a polynomial extrapolates. Beyond
 # `FAR` it is called at once. Else it waits until the others are learned: what moves the posterior is one of these.
 LEFT, FAR = 0.5, 1.5
+# A factor is called for a trend of all if its own moves the posterior by this fraction of the largest one.
+MOST_OF_TREND = 0.5
 
 
 def before_a_test(known: Sequence[Known], samples: Array, moved: float, uncertain: float) -> str:
@@ -74,11 +76,15 @@ def new_calls(known: Sequence[Known]) -> list[int]:
     return [int(each) for each in np.maximum(np.maximum(least, more.astype(int)), fewest)]
 
 
-def to_be_called(known: Sequence[Known], samples: Array, moved: float, uncertain: float, max_calls: int) -> list[Known]:
+def to_be_called(
+    known: Sequence[Known], samples: Array, moved: float, uncertain: float, max_calls: int, trend: bool = False
+) -> list[Known]:
     """Return the factors below their most calls that are not learned at samples (n, d) of the posterior.
 
     Those that the posterior has left wait until it moves no more. If all of several are learned, return none as long as
-    there were too few rounds to say how far it has moved, and then those that move it; or all.
+    there were too few rounds to say how far it has moved, and then those that move it; or all. Where the ``trend`` of
+    all was refused, return those that make most of it; or none after a test by fresh calls alone: these have been
+    learned from, and calls held out test the posterior again.
     """
     left, quiet = with_calls_left(known, max_calls), uncertain < UNCERTAIN
     away = [moved_away(each, samples) if is_learned(each, quiet) else np.inf for each in left]
@@ -87,6 +93,10 @@ def to_be_called(known: Sequence[Known], samples: Array, moved: float, uncertain
             return wanted
     if len(known) > 1 and not np.isfinite(moved):  # of one stream: calls of the first rounds look for other modes
         return []
+    if trend and not any(each.certificate is not None and each.certificate.held_out for each in known):
+        return []
+    if trend:
+        return [each for each in left if each.trend >= MOST_OF_TREND * max(one.trend for one in left)]
     return [each for each in left if each.moves >= SETTLED / np.sqrt(len(known))] or left
 
 

@@ -5,7 +5,8 @@
 3. Rounds: each factor that is not known yet is called at places of the posterior and of tempered copies of it, and
    learns from its calls.
 4. Where the posterior has settled, two populations sample it to its end, from independent starts. Fresh calls test each
-   factor there, and the sum of what they would change; other calls look where the emulators know nothing.
+   factor there, and the sum of what they would change; other calls look where the emulators know nothing. Of several
+   streams, those that an earlier run has made or a test has confirmed are tested by calls held out of their own.
 5. All calls are learned from, and the posterior is sampled anew: what was tested and what is given must agree. Where
    they do not, what would be given is tested.
 """
@@ -21,9 +22,10 @@ import numpy as np
 from streamkit import Array, IntArray
 from streamkit.builtin.samplers.emulator.at_once import AtOnce, in_turn
 from streamkit.builtin.samplers.emulator.calls import Calls
-from streamkit.builtin.samplers.emulator.certificate import blur_of
+from streamkit.builtin.samplers.emulator.certificate import MOVED, blur_of
 from streamkit.builtin.samplers.emulator.changes import difference, every_so_often, real_change_of, with_axes
 from streamkit.builtin.samplers.emulator.density import Emulated, Factor, Joint
+from streamkit.builtin.samplers.emulator.held_out import HeldOut, held_out
 from streamkit.builtin.samplers.emulator.missing import (
     apart,
     before_a_test,
@@ -40,6 +42,7 @@ from streamkit.builtin.samplers.emulator.recall import Recall, recall
 from streamkit.builtin.samplers.emulator.remembered import given_up
 from streamkit.builtin.samplers.emulator.settled import ROUNDS, moved_by, uncertain_by
 from streamkit.builtin.samplers.emulator.start import SOME, Known, Starter, begin_apart, own_error_of
+from streamkit.builtin.samplers.emulator.tilt import tilt
 from streamkit.builtin.samplers.emulator.together import tested_together
 
 # Inverse temperatures of the copies that new points come from, and the share of each. Tempered ones see regions where
@@ -55,8 +58,6 @@ PAIRED = 0.5
 CHANGED = 0.15
 # Starts that must lead to all of the posterior, and how many are made for that at most.
 AGREEING, MOST_STARTS = 2, 4
-# Factor by which the covariance of the warm copy is widened for the tilt of the weights.
-WIDER = 2.0
 
 
 @dataclass(frozen=True)
@@ -93,6 +94,11 @@ class Progress:
     recall: Recall | None = None
     changed: float = np.nan
     missing: str = ""
+
+    @property
+    def is_refused_together(self) -> bool:
+        """Whether each factor was confirmed, and the trend of all is more than chance makes."""
+        return self.trend > max(MOVED, self.trend_by_chance) and all(each.is_confirmed for each in self.known)
 
 
 class Rounds:
@@ -159,7 +165,7 @@ class Rounds:
             if not now.missing or over:
                 return
             samples = every_so_often(result.samples, 4 * SOME)
-            wanted = to_be_called(known, samples, now.moved, now.uncertain, max_calls)
+            wanted = to_be_called(known, samples, now.moved, now.uncertain, max_calls, now.is_refused_together)
             before = [each.emulated for each in wanted]
             self._call(known, wanted, copies, max_calls, seed)
             self._learn(known, copies[1])
@@ -206,6 +212,7 @@ class Rounds:
             self._together({each.factor.name: each.calls.space.points(z) for each, z in chosen})
         for each, z in chosen:
             each.calls += Calls.at(each.factor.problem, each.calls.space, z)
+            each.is_confirmed = False
 
     def _taught(self, called: Sequence[Known], before: Sequence[Emulated], samples: Array) -> None:
         """Note what the last calls of factors have changed of the posterior of samples (n, d), and where they were."""
@@ -219,25 +226,11 @@ class Rounds:
 
         The latter is that of samples (2, n, d) of the ``warm`` copy, the first tempered one.
         """
-        found = self._at_once([partial(each.calls.learn, self._tilt(each, warm)) for each in known])
+        samples = warm.reshape(-1, warm.shape[2])
+        found = self._at_once([partial(each.calls.learn, tilt(each.factor, samples, each.calls.z)) for each in known])
         for each, emulator in zip(known, found, strict=True):
             if emulator is not None:
                 each.emulated = replace(each.emulated, emulator=emulator.of(each.calls.problem))
-
-    def _tilt(self, each: Known, warm: Array) -> Array | None:
-        """(n,) What all factors say of the hosts of a factor's calls, as a Gaussian; None for a single factor.
-
-        A stream in tension with the others is learned where the joint posterior is, and not where it alone would be.
-        """
-        shared = each.factor.shared
-        if len(self._factors) == 1 or not len(shared):
-            return None
-        h = warm.reshape(-1, warm.shape[2])[:, shared]
-        covariance = WIDER * np.atleast_2d(np.cov(h.T))
-        covariance[np.diag_indices(len(shared))] *= 1 + 1e-9
-        calls = each.calls.z[:, np.isin(each.factor.columns, shared)]
-        white = np.linalg.solve(np.linalg.cholesky(covariance), (calls - h.mean(axis=0)).T)
-        return np.asarray(-0.5 * np.sum(white**2, axis=0))
 
     # What is known
 
@@ -299,7 +292,8 @@ class Rounds:
         if fault := apart(tested) or blurred(known) or self._unseen(known, tested, [*seed, 9]):
             return replace(now, missing=fault)
         samples, rng = every_so_often(tested.samples, 4 * SOME), np.random.default_rng([*seed, 6])
-        (trend, by_chance), faults = tested_together(known, samples, self._watched(), max_calls, rng)
+        held = self._held_out(known, samples, copies[1], rng)
+        (trend, by_chance), faults = tested_together(known, held, samples, self._watched(), max_calls, rng)
         beyond = recall(known, now.joint, np.concatenate([*tested.last, *copies[-1]]), [*seed, 7])
         faults += [beyond.fault] if beyond.fault else []
         now = replace(now, trend=trend, trend_by_chance=by_chance, recall=beyond, missing="; ".join(faults))
@@ -315,6 +309,14 @@ class Rounds:
             return now
         missing = f"what fresh calls have taught moves the posterior by {changed:.2f} standard deviations"
         return replace(now, changed=changed, missing=missing)
+
+    def _held_out(
+        self, known: Sequence[Known], samples: Array, warm: Array, rng: np.random.Generator
+    ) -> Sequence[HeldOut | None]:
+        """Hold out calls of each of several factors; fresh calls test a single one."""
+        if len(known) == 1:
+            return [None]
+        return held_out(known, samples, warm.reshape(-1, warm.shape[2]), self._at_once, rng)
 
     def _sampled(self, known: Sequence[Known], now: Progress, copies: Sequence[Array], seed: list[int]) -> Populations:
         """Sample the posterior to its end: from the starts, or for several streams from the warmest copies.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Literal
 
@@ -14,6 +14,7 @@ from streamkit.builtin.samplers.emulator.of_target import LikelihoodOnly, OfTarg
 from streamkit.builtin.samplers.emulator.problem import Problem
 
 if TYPE_CHECKING:  # SciPy is slow to load
+    from streamkit.builtin.samplers.emulator.certificate import Certificate
     from streamkit.builtin.samplers.emulator.density import Factor
     from streamkit.builtin.samplers.emulator.emulator import Emulator
     from streamkit.builtin.samplers.emulator.recall import Recall
@@ -183,7 +184,7 @@ def _facts_of_factors(progress: Progress) -> dict[str, str]:
         tension = each.alone - float(np.max(each.emulated.ln_likelihood(samples[:, each.factor.columns])))
         certificate = each.certificate
         tested = "not tested" if certificate is None else "refused" if certificate.faults else "confirmed"
-        fresh = f" by {certificate.calls} fresh calls" if certificate is not None else ""
+        fresh = f" by {_tested_by([certificate])}" if certificate is not None else ""
         name = f"stream {each.factor.name}" if len(each.factor.own) else "data of the host"
         facts[name] = (
             f"{len(each.calls)} calls, error of the emulator {each.own_error:.2f} in ln L, {tested}{fresh}, "
@@ -219,7 +220,7 @@ def _verdict(progress: Progress) -> Verdict:
     confirmed = f"the emulators of {len(tested)} factors, each and together" if several else "the emulator"
     own = f" (of a stream's own parameters {OF_OWN:g} of both at least)" if several else ""
     sentence = (
-        f"{sum(each.calls for each in tested)} fresh calls confirm {confirmed}. "
+        f"{_tested_by(tested)} confirm {confirmed}. "
         + ("" if several else f"The noise of the particles alone makes {noise}. ")
         + f"A mean or a width that is off by {shown:.2f} standard deviations would show; the noise of all calls moves "
         f"none by more than {progress.uncertain:.2f}, nine times in ten. Two populations agree, R-hat "
@@ -228,6 +229,15 @@ def _verdict(progress: Progress) -> Verdict:
         f"{100 * both.width_error:.0f} %. {_recalled(found)} {_seen(progress)}{_smallest(progress)}"
     )
     return Verdict(subject, "fine", value, sentence, RULE)
+
+
+def _tested_by(tests: Sequence[Certificate]) -> str:
+    held = sum(each.held_out for each in tests)
+    fresh = sum(each.calls for each in tests) - held
+    if not held:
+        return f"{fresh} fresh calls"
+    of_earlier = f"{held} calls held out of the earlier ones"
+    return f"{fresh} fresh calls and {of_earlier}" if fresh else of_earlier
 
 
 def _recalled(found: Recall) -> str:

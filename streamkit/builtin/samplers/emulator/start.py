@@ -114,7 +114,12 @@ class Known:
     moves
         What the calls of the last rounds have changed of the coordinates that are asked for.
     certificate
-        What fresh calls say of it; None before the end.
+        What calls that it has not learned from say of it; None before the end.
+    trend
+        What the trend of the residuals of these calls moves of the coordinates that are asked for.
+    is_confirmed
+        Whether its own calls may test it, see `held_out`: those of an earlier run, or confirmed by fresh ones and no
+        others made since.
     before
         What was emulated in the last rounds.
     """
@@ -131,6 +136,8 @@ class Known:
     taught: float = np.inf
     moves: float = np.inf
     certificate: Certificate | None = None
+    trend: float = np.inf
+    is_confirmed: bool = False
     before: list[Emulated] = field(default_factory=list)
     seen: int | None = None
 
@@ -263,7 +270,8 @@ class Starter:
             calls += Calls.at(problem, space, first + rng.random((MORE, 1)) * (one - other))
         emulated = Emulated(space, emulator.of(problem), self._noise)
         alone = float(np.max(emulated.ln_likelihood(every_so_often(places, SOME))))
-        return Known(factor, calls, emulated, starts, alone, taught=0.0 if len(factor.earlier) else np.inf)
+        earlier = len(factor.earlier) > 0
+        return Known(factor, calls, emulated, starts, alone, taught=0.0 if earlier else np.inf, is_confirmed=earlier)
 
     def again(self, known: Known) -> None:
         """Make another start of a factor, and call it with all particles where that has arrived."""

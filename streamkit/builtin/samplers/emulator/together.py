@@ -1,8 +1,10 @@
-"""The test of all factors by fresh calls: of each for itself, and of the sum of what their trends would change."""
+"""The test of all factors by calls that were not learned from: of each for itself, and of what all would change."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
@@ -13,6 +15,7 @@ from streamkit.builtin.samplers.emulator.certificate import (
     FRESH,
     MOST_BATCHES,
     MOVED,
+    TRIES,
     Trend,
     certify,
     changes_by_trend,
@@ -20,6 +23,7 @@ from streamkit.builtin.samplers.emulator.certificate import (
     trend_of,
 )
 from streamkit.builtin.samplers.emulator.changes import change_of, every_so_often, with_axes
+from streamkit.builtin.samplers.emulator.held_out import HeldOut
 from streamkit.builtin.samplers.emulator.places import to_call
 from streamkit.builtin.samplers.emulator.start import SOME, Known
 
@@ -28,16 +32,24 @@ LEVEL = 0.05
 
 
 def tested_together(
-    known: Sequence[Known], samples: Array, watched: IntArray, max_calls: int, rng: np.random.Generator
+    known: Sequence[Known],
+    held: Sequence[HeldOut | None],
+    samples: Array,
+    watched: IntArray,
+    max_calls: int,
+    rng: np.random.Generator,
 ) -> tuple[Trend, list[str]]:
-    """Test each factor by fresh calls at samples (n, d) of the posterior, and keep these calls and the certificate.
+    """Test each factor at samples (n, d) of the posterior, and keep the certificate and new calls.
 
-    Return what the trends of all factors move together, and all faults.
+    A factor is tested by the calls ``held`` out of what it has learned, or where there are none by fresh ones. Return
+    what the trends of all factors move together, and all faults.
 
     What all trends together move are the ``watched`` coordinates. Where that of trends by chance is large, a fault of
     many factors would not show, however little is wrong with each: those by which chance moves most are called again.
     """
-    tests = [_Test(each, samples[:, each.factor.columns], 1 - LEVEL / len(known), rng) for each in known]
+    level = 1 - LEVEL / len(known)
+    tests = [_Test(each, its, samples[:, each.factor.columns], level, rng)
+             for each, its in zip(known, held, strict=True)]  # fmt: skip
     for test in tests:
         test.begin(max_calls)
     moving = with_axes(every_so_often(samples, SOME)[:, watched])
@@ -49,7 +61,7 @@ def tested_together(
             break
         max(more, key=lambda each: each.gains(moving)).go_on()
         trend = measured, by_chance = _together(moving, tests)
-    faults = [f"{test.known.factor.name}: {fault}" for test in tests for fault in test.kept()]
+    faults = [f"{test.known.factor.name}: {fault}" for test in tests for fault in test.kept(moving)]
     if several and measured > max(MOVED, by_chance):
         faults.append(f"trends of the residuals of all streams together move the posterior by {measured:.2f} "
                       "standard deviations")  # fmt: skip
@@ -60,57 +72,92 @@ def tested_together(
 
 
 def _together(moving: Array, tests: Sequence[_Test]) -> Trend:
-    """Return what all trends together move of samples (n, d); NaN where none is known."""
+    """Return what all trends together move of samples (n, d); NaN where none is known.
+
+    Chance is the noise of the calls that test, and of several factors also that of the calls that were learned from:
+    each emulator is off by some of it, which is little where a test is made, and the sum of all is a trend.
+    """
     found = [test.changes for test in tests if test.changes is not None]
     if not found:
         return Trend(np.nan, np.nan)
-    measured, *tries = (change_of(moving, each) for each in np.sum(found, axis=0))  # (1 + tries, n)
+    total = np.sum(found, axis=0)  # (1 + tries, n)
+    if len(tests) > 1:
+        total[1:] += np.sum([test.by_noise for test in tests if test.changes is not None], axis=0)
+    measured, *tries = (change_of(moving, each) for each in total)
     return Trend(measured, float(np.quantile(tries, 1 - LEVEL)))
 
 
 class _Test:
-    """The test of one factor, at samples (n, d) of its coordinates."""
+    """The test of one factor, at samples (n, d) of its coordinates, by calls held out or by fresh ones."""
 
-    def __init__(self, known: Known, samples: Array, level: float, rng: np.random.Generator) -> None:
-        self.known, self._samples, self._level, self._rng = known, samples, level, rng
+    def __init__(
+        self, known: Known, held: HeldOut | None, samples: Array, level: float, rng: np.random.Generator
+    ) -> None:
+        self.known, self._held, self._samples, self._level, self._rng = known, held, samples, level, rng
+        self._emulated = known.emulated if held is None else held.emulated
+        self._fresh: Calls | None = None
         self.changes: Array | None = None
 
+    @cached_property
+    def by_noise(self) -> Array:
+        """(tries, n) What other noise in the calls that were learned from would add to ln L at the samples."""
+        some = every_so_often(self._samples, SOME)
+        return self._emulated.of_other_noise(some, self._rng, TRIES) - self._emulated.ln_likelihood(some)
+
     def begin(self, max_calls: int) -> None:
-        """Make fresh calls until a trend of this factor can be told from chance."""
-        emulated, problem = self.known.emulated, self.known.factor.problem
+        """Take the calls that were held out, or make fresh ones until a trend can be told from chance."""
+        if self._held is not None:
+            self._judge(self._trend())
+            return
         left = max_calls - len(self.known.calls)
-        self._judge(*fresh_calls(emulated, problem, self._samples, self._rng, self._level, left))
+        problem = self.known.factor.problem
+        self._fresh, trend = fresh_calls(self._emulated, problem, self._samples, self._rng, self._level, left)
+        self._judge(trend)
 
     def has_more(self, max_calls: int) -> bool:
         """Whether it may be called again."""
-        made = len(self._fresh)
+        made = len(self._tested())
         return self.changes is not None and made < min(MOST_BATCHES * FRESH, max_calls - len(self.known.calls) - FRESH)
 
     def gains(self, moving: Array) -> float:
         """Return what a call more would take from what its trends by chance move of samples (n, d), squared."""
         assert self.changes is not None  # noqa: S101  `has_more` says so
-        return float(np.mean([change_of(moving, each) ** 2 for each in self.changes[1:]])) / len(self._fresh)
+        return float(np.mean([change_of(moving, each) ** 2 for each in self.changes[1:]])) / len(self._tested())
 
     def go_on(self) -> None:
         """Make more fresh calls, at other samples."""
-        emulated, made = self.known.emulated, {row.tobytes() for row in self._fresh.theta}
+        emulated, made = self._emulated, {row.tobytes() for row in self._tested().theta}
         left = np.array([row.tobytes() not in made for row in emulated.space.points(self._samples)])
         places = to_call(emulated, self._samples[left], FRESH, self._rng)
-        fresh = self._fresh + Calls.at(self.known.factor.problem, emulated.space, places)
-        self._judge(fresh, trend_of(emulated, fresh, self._samples, self._rng, self._level))
+        more = Calls.at(self.known.factor.problem, emulated.space, places)
+        self._fresh = more if self._fresh is None else self._fresh + more
+        self._judge(self._trend())
 
     def faults(self) -> tuple[str, ...]:
         """Return those of the certificate."""
         return self._certificate.faults
 
-    def kept(self) -> tuple[str, ...]:
-        """Keep the calls and the certificate; return its faults."""
-        self.known.calls += self._fresh
-        self.known.certificate = self._certificate
+    def kept(self, moving: Array) -> tuple[str, ...]:
+        """Keep the calls, the certificate, and what the trend moves of samples (n, d); return the faults."""
+        known = self.known
+        if self._fresh is not None:
+            known.calls += self._fresh
+        known.certificate, known.is_confirmed = self._certificate, not self.faults()
+        known.trend = np.inf if self.changes is None else change_of(moving, self.changes[0])
         return self.faults()
 
-    def _judge(self, fresh: Calls, trend: Trend | None) -> None:
-        known, samples, rng = self.known, self._samples, self._rng
-        self._fresh = fresh
-        self._certificate = certify(known.emulated, fresh, trend, samples, rng, self._level, known.calls)
-        self.changes = changes_by_trend(known.emulated, fresh, every_so_often(samples, SOME), rng)
+    def _tested(self) -> Calls:
+        """Return the calls that test it."""
+        parts = [each for each in (None if self._held is None else self._held.calls, self._fresh) if each is not None]
+        return parts[0] if len(parts) == 1 else parts[0] + parts[1]
+
+    def _trend(self) -> Trend | None:
+        return trend_of(self._emulated, self._tested(), self._samples, self._rng, self._level)
+
+    def _judge(self, trend: Trend | None) -> None:
+        known, emulated, samples, rng, tested = self.known, self._emulated, self._samples, self._rng, self._tested()
+        before, held = (known.calls, 0) if self._held is None else (None, len(self._held.calls))
+        self._certificate = replace(
+            certify(emulated, tested, trend, samples, rng, self._level, before), held_out=held
+        )
+        self.changes = changes_by_trend(emulated, tested, every_so_often(samples, SOME), rng, by_sign=True)
