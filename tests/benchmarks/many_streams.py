@@ -134,9 +134,9 @@ def joint(count: int) -> dict[str, Any]:
     sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
     from joints import LinearFactors
 
-    from streamkit.builtin.samplers.emulator.moves import Moves
-    from streamkit.builtin.samplers.emulator.population import Population
-    from streamkit.builtin.samplers.emulator.populations import OF_EACH
+    from streamkit.builtin.samplers.emulator.walk.moves import Moves
+    from streamkit.builtin.samplers.emulator.walk.population import Population
+    from streamkit.builtin.samplers.emulator.walk.populations import OF_EACH
 
     factors, rng = LinearFactors(count, shared=5, own=5), np.random.default_rng(1)
     places = rng.multivariate_normal(*factors.answer(), 4 * WALKERS)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from streamkit.builtin.samplers.emulator.calls import Calls
-from streamkit.builtin.samplers.emulator.problem import Answers
-from streamkit.builtin.samplers.emulator.space import Space
+from streamkit.builtin.samplers.emulator.learn.calls import Calls
+from streamkit.builtin.samplers.emulator.learn.problem import Answers
+from streamkit.builtin.samplers.emulator.learn.space import Space
 
 
 def ln_densities(priors, points):

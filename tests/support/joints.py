@@ -5,8 +5,8 @@ from itertools import pairwise
 import numpy as np
 from scipy import stats
 
-from streamkit.builtin.samplers.emulator.density import Factor, Layout, Tangent, Terms
-from streamkit.builtin.samplers.emulator.problem import Answers
+from streamkit.builtin.samplers.emulator.learn.problem import Answers
+from streamkit.builtin.samplers.emulator.walk.density import Factor, Layout, Tangent, Terms
 
 
 class LinearFactors:

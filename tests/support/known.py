@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from emulated import Problem
 
-from streamkit.builtin.samplers.emulator.problem import Answers
+from streamkit.builtin.samplers.emulator.learn.problem import Answers
 from streamkit.runfile import Uniform
 from streamkit.stream import Data
 

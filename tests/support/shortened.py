@@ -2,7 +2,8 @@
 
 import pytest
 
-from streamkit.builtin.samplers.emulator import geodesic, populations, rounds
+from streamkit.builtin.samplers.emulator import rounds
+from streamkit.builtin.samplers.emulator.walk import geodesic, populations
 from streamkit.sample.calls import search
 
 # The search for a start looks after every 16 draws whether it has enough; a fourth as many are enough, and move less.

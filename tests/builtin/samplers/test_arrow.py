@@ -5,8 +5,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from streamkit.builtin.samplers.emulator.arrow import Arrow, solved
-from streamkit.builtin.samplers.emulator.density import Layout
+from streamkit.builtin.samplers.emulator.walk.arrow import Arrow, solved
+from streamkit.builtin.samplers.emulator.walk.density import Layout
 
 
 @pytest.mark.parametrize(("shared", "sizes"), [(4, (2, 3, 0, 1)), (0, (5,)), (3, (0,)), (2, (40, 1))])

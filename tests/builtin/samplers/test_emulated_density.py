@@ -6,11 +6,11 @@ from emulated import OfToy, called
 from posteriors import Curved, Wavy
 from scipy.stats import norm
 
-from streamkit.builtin.samplers.emulator import learn as learning
-from streamkit.builtin.samplers.emulator.density import Emulated, Joint, one_factor
-from streamkit.builtin.samplers.emulator.recall import recall
-from streamkit.builtin.samplers.emulator.space import Space
-from streamkit.builtin.samplers.emulator.start import Known
+from streamkit.builtin.samplers.emulator.judge.recall import recall
+from streamkit.builtin.samplers.emulator.known import Known
+from streamkit.builtin.samplers.emulator.learn import from_calls
+from streamkit.builtin.samplers.emulator.learn.space import Space
+from streamkit.builtin.samplers.emulator.walk.density import Emulated, Joint, one_factor
 from streamkit.builtin.samplers.monomials import count, differentiated, monomials
 from streamkit.runfile import LogUniform, Normal, Uniform
 
@@ -20,7 +20,7 @@ def test_slopes_are_those_of_the_likelihood():
     for toy, count_, worth in ((Curved(), 400, np.inf), (Wavy(), 300, 0.0)):
         problem = OfToy(toy)
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(learning, "WORTH", worth)
+            patch.setattr(from_calls, "WORTH", worth)
             emulated = Emulated(Space(problem), called(problem, count_).learn(), noise=False)
         z = np.random.default_rng(2).normal(scale=0.4, size=(50, problem.size))
         step = 1e-3 * np.eye(problem.size)
@@ -72,8 +72,8 @@ def test_the_coordinates_of_walkers_are_normal_in_the_prior():
 
 def test_calls_find_what_an_emulator_that_knows_one_side_misses(monkeypatch):
     """A linear emulator of calls at positive p0, of a posterior that has the same mass on both sides."""
-    monkeypatch.setattr(learning, "DEGREES", (1,))
-    monkeypatch.setattr(learning, "WORTH", np.inf)
+    monkeypatch.setattr(from_calls, "DEGREES", (1,))
+    monkeypatch.setattr(from_calls, "WORTH", np.inf)
     problem = OfToy(Symmetric())
     calls = called(problem, 200)
     one_side = calls.take(calls.theta[:, 0] > 0.3)

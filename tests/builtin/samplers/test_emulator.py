@@ -11,21 +11,21 @@ from posteriors import Curved, Edges, Rough, TwoModes, Wavy
 from shortened import shorten_walks
 
 from streamkit import StreamkitError
-from streamkit.builtin.samplers.emulator import learn as learning
 from streamkit.builtin.samplers.emulator import rounds
 from streamkit.builtin.samplers.emulator.at_once import in_turn, side_by_side
-from streamkit.builtin.samplers.emulator.calls import Calls
 from streamkit.builtin.samplers.emulator.certificate import FRESH, certify, fresh_calls, trend_of
 from streamkit.builtin.samplers.emulator.changes import change_of, difference, with_axes
-from streamkit.builtin.samplers.emulator.density import Emulated, Joint, one_factor
-from streamkit.builtin.samplers.emulator.kernel import learn_kernel, squared_exponential
-from streamkit.builtin.samplers.emulator.of_target import LikelihoodOnly
-from streamkit.builtin.samplers.emulator.pairs import paired, pairs_of
-from streamkit.builtin.samplers.emulator.polynomial import regress
-from streamkit.builtin.samplers.emulator.population import Population
+from streamkit.builtin.samplers.emulator.learn import from_calls
+from streamkit.builtin.samplers.emulator.learn.calls import Calls
+from streamkit.builtin.samplers.emulator.learn.kernel import learn_kernel, squared_exponential
+from streamkit.builtin.samplers.emulator.learn.of_target import LikelihoodOnly
+from streamkit.builtin.samplers.emulator.learn.pairs import paired, pairs_of
+from streamkit.builtin.samplers.emulator.learn.polynomial import regress
+from streamkit.builtin.samplers.emulator.learn.space import Space
 from streamkit.builtin.samplers.emulator.rounds import Rounds
-from streamkit.builtin.samplers.emulator.space import Space
 from streamkit.builtin.samplers.emulator.start import Starter
+from streamkit.builtin.samplers.emulator.walk.density import Emulated, Joint, one_factor
+from streamkit.builtin.samplers.emulator.walk.population import Population
 from streamkit.builtin.samplers.monomials import count, monomials
 
 
@@ -199,8 +199,8 @@ def test_a_posterior_that_fresh_calls_have_moved_is_tested_before_more_are_made(
 
 def test_an_emulator_that_is_too_simple_is_refused(monkeypatch):
     """A linear one of a curved posterior, which believes itself exact."""
-    monkeypatch.setattr(learning, "DEGREES", (1,))
-    monkeypatch.setattr(learning, "WORTH", np.inf)
+    monkeypatch.setattr(from_calls, "DEGREES", (1,))
+    monkeypatch.setattr(from_calls, "WORTH", np.inf)
     problem = OfToy(Curved())
     calls = called(problem, 400)
     emulator = calls.learn()

@@ -9,14 +9,14 @@ from emulated import OfToy
 from posteriors import Toy, TwoModes
 from scipy.stats import norm
 
-from streamkit.builtin.samplers.emulator import learn as learning
-from streamkit.builtin.samplers.emulator.calls import Calls
 from streamkit.builtin.samplers.emulator.certificate import BLURRED, blur_of, changes_by_trend, trend_of
 from streamkit.builtin.samplers.emulator.changes import change_of, real_change_of
-from streamkit.builtin.samplers.emulator.density import Emulated
-from streamkit.builtin.samplers.emulator.growth import Growth
-from streamkit.builtin.samplers.emulator.remembered import given_up
-from streamkit.builtin.samplers.emulator.space import Space
+from streamkit.builtin.samplers.emulator.judge.remembered import given_up
+from streamkit.builtin.samplers.emulator.learn import from_calls
+from streamkit.builtin.samplers.emulator.learn.calls import Calls
+from streamkit.builtin.samplers.emulator.learn.growth import Growth
+from streamkit.builtin.samplers.emulator.learn.space import Space
+from streamkit.builtin.samplers.emulator.walk.density import Emulated
 
 
 class Kinked(Toy):
@@ -47,8 +47,8 @@ class Overstated(OfToy):
 @pytest.mark.parametrize("seed", [1, 2])
 def test_the_own_error_is_what_new_calls_show(monkeypatch, seed, of_toy, degrees, worth):
     """By the distance from the middle of the calls: half, 30, 15 and 5 % of the places of new calls."""
-    monkeypatch.setattr(learning, "DEGREES", degrees)
-    monkeypatch.setattr(learning, "WORTH", worth)
+    monkeypatch.setattr(from_calls, "DEGREES", degrees)
+    monkeypatch.setattr(from_calls, "WORTH", worth)
     problem, rng = of_toy(Kinked(), noise=0.1), np.random.default_rng(seed)
     emulator = Calls.of(problem, Space(problem), rng.normal(size=(500, 4))).learn()
     new = rng.normal(size=(4000, 4))

@@ -7,9 +7,9 @@ import pytest
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
-from streamkit.builtin.samplers.emulator.density import Layout, Tangent, Terms
-from streamkit.builtin.samplers.emulator.evidence import ln_evidence
-from streamkit.builtin.samplers.emulator.populations import sample
+from streamkit.builtin.samplers.emulator.walk.density import Layout, Tangent, Terms
+from streamkit.builtin.samplers.emulator.walk.evidence import ln_evidence
+from streamkit.builtin.samplers.emulator.walk.populations import sample
 
 
 class Gaussians:

@@ -8,11 +8,9 @@ import pytest
 from joints import LinearFactors, factors_of
 from shortened import take_few_steps
 
-from streamkit.builtin.samplers.emulator import missing, together
-from streamkit.builtin.samplers.emulator.calls import Calls
 from streamkit.builtin.samplers.emulator.certificate import Certificate
-from streamkit.builtin.samplers.emulator.density import Emulated
-from streamkit.builtin.samplers.emulator.missing import (
+from streamkit.builtin.samplers.emulator.judge import missing, together
+from streamkit.builtin.samplers.emulator.judge.missing import (
     FAR,
     FEW,
     LEFT,
@@ -22,9 +20,11 @@ from streamkit.builtin.samplers.emulator.missing import (
     moved_away,
     new_calls,
 )
+from streamkit.builtin.samplers.emulator.known import Known
+from streamkit.builtin.samplers.emulator.learn.calls import Calls
+from streamkit.builtin.samplers.emulator.learn.space import Space
 from streamkit.builtin.samplers.emulator.rounds import Rounds
-from streamkit.builtin.samplers.emulator.space import Space
-from streamkit.builtin.samplers.emulator.start import Known
+from streamkit.builtin.samplers.emulator.walk.density import Emulated
 
 pytestmark = pytest.mark.usefixtures("short_walks")
 MEAN, WIDTH = 0.2, 0.15  # standard deviations, fractions

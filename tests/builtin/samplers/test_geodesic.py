@@ -3,11 +3,11 @@
 import numpy as np
 from scipy.stats import ks_1samp, norm
 
-from streamkit.builtin.samplers.emulator import geodesic
-from streamkit.builtin.samplers.emulator.agreement import autocorrelation_times
-from streamkit.builtin.samplers.emulator.arrow import Arrow
-from streamkit.builtin.samplers.emulator.density import Layout, Tangent
-from streamkit.builtin.samplers.emulator.geodesic import Surface, trajectory
+from streamkit.builtin.samplers.emulator.walk import geodesic
+from streamkit.builtin.samplers.emulator.walk.agreement import autocorrelation_times
+from streamkit.builtin.samplers.emulator.walk.arrow import Arrow
+from streamkit.builtin.samplers.emulator.walk.density import Layout, Tangent
+from streamkit.builtin.samplers.emulator.walk.geodesic import Surface, trajectory
 
 ERROR = 0.01
 

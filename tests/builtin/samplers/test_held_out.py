@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from joints import LinearFactors, factors_of
 
-from streamkit.builtin.samplers.emulator import together
 from streamkit.builtin.samplers.emulator.at_once import in_turn
-from streamkit.builtin.samplers.emulator.calls import Calls
 from streamkit.builtin.samplers.emulator.certificate import MOVED
-from streamkit.builtin.samplers.emulator.density import Emulated
-from streamkit.builtin.samplers.emulator.held_out import LEAST, PART, held_out
+from streamkit.builtin.samplers.emulator.judge import together
+from streamkit.builtin.samplers.emulator.judge.held_out import LEAST, PART, held_out
+from streamkit.builtin.samplers.emulator.known import Known
+from streamkit.builtin.samplers.emulator.learn.calls import Calls
+from streamkit.builtin.samplers.emulator.learn.space import Space
 from streamkit.builtin.samplers.emulator.rounds import Rounds
-from streamkit.builtin.samplers.emulator.space import Space
-from streamkit.builtin.samplers.emulator.start import Known
 from streamkit.builtin.samplers.emulator.tilt import tilt
+from streamkit.builtin.samplers.emulator.walk.density import Emulated
 
 pytestmark = pytest.mark.usefixtures("short_walks")
 OWN_OF = [2, 2, 0]

@@ -7,14 +7,14 @@ import pytest
 from known import KNOWN, OfKnown, off
 from shortened import shorten_walks
 
-from streamkit.builtin.samplers.emulator.agreement import OF_OWN, autocorrelation_times, judge
-from streamkit.builtin.samplers.emulator.calls import Calls
-from streamkit.builtin.samplers.emulator.density import Layout, Tangent, Terms, one_factor
-from streamkit.builtin.samplers.emulator.mixture import Mixture
-from streamkit.builtin.samplers.emulator.of_target import LikelihoodOnly
-from streamkit.builtin.samplers.emulator.populations import sample
+from streamkit.builtin.samplers.emulator.learn.calls import Calls
+from streamkit.builtin.samplers.emulator.learn.of_target import LikelihoodOnly
+from streamkit.builtin.samplers.emulator.learn.space import Space
 from streamkit.builtin.samplers.emulator.rounds import Rounds
-from streamkit.builtin.samplers.emulator.space import Space
+from streamkit.builtin.samplers.emulator.walk.agreement import OF_OWN, autocorrelation_times, judge
+from streamkit.builtin.samplers.emulator.walk.density import Layout, Tangent, Terms, one_factor
+from streamkit.builtin.samplers.emulator.walk.mixture import Mixture
+from streamkit.builtin.samplers.emulator.walk.populations import sample
 
 MEAN, WIDTH, WEIGHT = 0.15, 0.15, 0.06
 BY_NAME = {each.name: each for each in KNOWN}

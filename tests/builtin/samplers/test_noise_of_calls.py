@@ -5,13 +5,13 @@ import pytest
 from emulated import OfToy, called
 from posteriors import Curved, Rough
 
-from streamkit.builtin.samplers.emulator import learn as learning
-from streamkit.builtin.samplers.emulator.calls import Calls
 from streamkit.builtin.samplers.emulator.changes import changes_of, with_axes
-from streamkit.builtin.samplers.emulator.density import Emulated
-from streamkit.builtin.samplers.emulator.points import Points
-from streamkit.builtin.samplers.emulator.polynomial import Polynomial, regress
-from streamkit.builtin.samplers.emulator.space import Space
+from streamkit.builtin.samplers.emulator.learn import from_calls
+from streamkit.builtin.samplers.emulator.learn.calls import Calls
+from streamkit.builtin.samplers.emulator.learn.points import Points
+from streamkit.builtin.samplers.emulator.learn.polynomial import Polynomial, regress
+from streamkit.builtin.samplers.emulator.learn.space import Space
+from streamkit.builtin.samplers.emulator.walk.density import Emulated
 from streamkit.builtin.samplers.monomials import count, monomials
 
 
@@ -40,7 +40,7 @@ def test_small_terms_of_third_degree_are_learned_without_the_noise_of_all_of_the
         x, new = rng.normal(size=(300, 6)), rng.normal(size=(500, 6))
         target, noise = truth(x) + 0.5 * rng.normal(size=(300, 3)), np.full((300, 3), 0.25)
         points = Points(np.zeros(6), np.eye(6), x, target, noise, ones, ones > 0, np.empty((0, 2), dtype=int))
-        basis, fit = learning._best_regression(points)
+        basis, fit = from_calls._best_regression(points)
         found = [basis.terms(new) @ fit.coefficients]
         for degree in (2, 3):
             plain = regress(monomials(x, degree), target, ones, 1e-8)
@@ -57,7 +57,7 @@ def test_a_quadratic_with_noise_is_learned_as_one():
         x, ones, noise = rng.normal(size=(300, 6)), np.ones(300), np.full((300, 3), 0.25)
         target = np.tile((x[:, 0] + 0.5 * x[:, 1] ** 2)[:, None], 3) + 0.5 * rng.normal(size=(300, 3))
         points = Points(np.zeros(6), np.eye(6), x, target, noise, ones, ones > 0, np.empty((0, 2), dtype=int))
-        basis, _ = learning._best_regression(points)
+        basis, _ = from_calls._best_regression(points)
         assert basis == Polynomial(2)
 
 

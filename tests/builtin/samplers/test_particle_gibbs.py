@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy.special import logsumexp
 
-from streamkit.builtin.samplers.emulator.density import Layout, Terms
-from streamkit.builtin.samplers.emulator.following import Following
-from streamkit.builtin.samplers.emulator.mixture import Mixture
-from streamkit.builtin.samplers.emulator.particle_gibbs import move_shared
+from streamkit.builtin.samplers.emulator.walk.density import Layout, Terms
+from streamkit.builtin.samplers.emulator.walk.following import Following
+from streamkit.builtin.samplers.emulator.walk.mixture import Mixture
+from streamkit.builtin.samplers.emulator.walk.particle_gibbs import move_shared
 
 DATA, ERRORS = (1.4, -0.9, 0.3), (0.3, 0.5, 0.2)
 STEPS = 500

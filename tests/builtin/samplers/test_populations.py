@@ -5,16 +5,16 @@ import pytest
 from joints import HalfEmpty, LinearFactors, Mixture
 from scipy.stats import norm
 
-from streamkit.builtin.samplers.emulator import populations
-from streamkit.builtin.samplers.emulator.agreement import Walked, agreement
-from streamkit.builtin.samplers.emulator.agreement import judge as judged
-from streamkit.builtin.samplers.emulator.density import Layout, Terms
-from streamkit.builtin.samplers.emulator.following import Following
-from streamkit.builtin.samplers.emulator.mixture import Mixture as BlockMixture
-from streamkit.builtin.samplers.emulator.moves import Moves
+from streamkit.builtin.samplers.emulator.judge.reach import unreached
 from streamkit.builtin.samplers.emulator.places import by_width
-from streamkit.builtin.samplers.emulator.populations import sample
-from streamkit.builtin.samplers.emulator.reach import unreached
+from streamkit.builtin.samplers.emulator.walk import populations
+from streamkit.builtin.samplers.emulator.walk.agreement import Walked, agreement
+from streamkit.builtin.samplers.emulator.walk.agreement import judge as judged
+from streamkit.builtin.samplers.emulator.walk.density import Layout, Terms
+from streamkit.builtin.samplers.emulator.walk.following import Following
+from streamkit.builtin.samplers.emulator.walk.mixture import Mixture as BlockMixture
+from streamkit.builtin.samplers.emulator.walk.moves import Moves
+from streamkit.builtin.samplers.emulator.walk.populations import sample
 from streamkit.errors import StreamkitError
 
 pytestmark = pytest.mark.usefixtures("short_walks")

@@ -14,15 +14,15 @@ import numpy as np
 from scipy.linalg import LinAlgError
 
 from streamkit import Array
-from streamkit.builtin.samplers.emulator.calls import Calls
 from streamkit.builtin.samplers.emulator.changes import change_of, changes_of, every_so_often, with_axes
-from streamkit.builtin.samplers.emulator.density import Emulated
-from streamkit.builtin.samplers.emulator.emulator import Predictions
-from streamkit.builtin.samplers.emulator.of_target import LikelihoodOnly
+from streamkit.builtin.samplers.emulator.learn.calls import Calls
+from streamkit.builtin.samplers.emulator.learn.emulator import Predictions
+from streamkit.builtin.samplers.emulator.learn.of_target import LikelihoodOnly
+from streamkit.builtin.samplers.emulator.learn.points import nearest
+from streamkit.builtin.samplers.emulator.learn.polynomial import regress
+from streamkit.builtin.samplers.emulator.learn.problem import Problem
 from streamkit.builtin.samplers.emulator.places import to_call
-from streamkit.builtin.samplers.emulator.points import nearest
-from streamkit.builtin.samplers.emulator.polynomial import regress
-from streamkit.builtin.samplers.emulator.problem import Problem
+from streamkit.builtin.samplers.emulator.walk.density import Emulated
 
 # Largest mean square of a residual in units of its variance, over all data and of one of them.
 SIZE, ONE_SIZE = 1.5, 3.0

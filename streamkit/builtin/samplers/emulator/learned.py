@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from streamkit import Array, BoolArray, StreamkitError, Target
-from streamkit.builtin.samplers.emulator.calls import Calls
-from streamkit.builtin.samplers.emulator.density import Emulated
-from streamkit.builtin.samplers.emulator.of_target import LikelihoodOnly, OfTarget
-from streamkit.builtin.samplers.emulator.problem import Problem
-from streamkit.builtin.samplers.emulator.space import Space
+from streamkit.builtin.samplers.emulator.learn.calls import Calls
+from streamkit.builtin.samplers.emulator.learn.of_target import LikelihoodOnly, OfTarget
+from streamkit.builtin.samplers.emulator.learn.problem import Problem
+from streamkit.builtin.samplers.emulator.learn.space import Space
+from streamkit.builtin.samplers.emulator.walk.density import Emulated
 
 
 @dataclass(frozen=True)

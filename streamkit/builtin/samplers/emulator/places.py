@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from streamkit import Array
-from streamkit.builtin.samplers.emulator.density import Emulated
+from streamkit.builtin.samplers.emulator.walk.density import Emulated
 
 # Samples among which the least known are looked for, and the most that one counts, in ln L.
 SOME, MOST = 4000, 5.0

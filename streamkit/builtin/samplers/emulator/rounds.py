@@ -21,12 +21,10 @@ import numpy as np
 
 from streamkit import Array, IntArray
 from streamkit.builtin.samplers.emulator.at_once import AtOnce, in_turn
-from streamkit.builtin.samplers.emulator.calls import Calls
 from streamkit.builtin.samplers.emulator.certificate import MOVED, blur_of
 from streamkit.builtin.samplers.emulator.changes import difference, every_so_often, real_change_of, with_axes
-from streamkit.builtin.samplers.emulator.density import Emulated, Factor, Joint
-from streamkit.builtin.samplers.emulator.held_out import HeldOut, held_out
-from streamkit.builtin.samplers.emulator.missing import (
+from streamkit.builtin.samplers.emulator.judge.held_out import HeldOut, held_out
+from streamkit.builtin.samplers.emulator.judge.missing import (
     apart,
     before_a_test,
     blurred,
@@ -34,16 +32,27 @@ from streamkit.builtin.samplers.emulator.missing import (
     to_be_called,
     with_calls_left,
 )
-from streamkit.builtin.samplers.emulator.pairs import paired
+from streamkit.builtin.samplers.emulator.judge.reach import leading
+from streamkit.builtin.samplers.emulator.judge.recall import Recall, recall
+from streamkit.builtin.samplers.emulator.judge.remembered import given_up
+from streamkit.builtin.samplers.emulator.judge.settled import ROUNDS, moved_by, uncertain_by
+from streamkit.builtin.samplers.emulator.judge.together import tested_together
+from streamkit.builtin.samplers.emulator.known import SOME, Known
+from streamkit.builtin.samplers.emulator.learn.calls import Calls
+from streamkit.builtin.samplers.emulator.learn.pairs import paired
 from streamkit.builtin.samplers.emulator.places import least_known, to_call
-from streamkit.builtin.samplers.emulator.populations import GIVEN, TESTED, Asked, Populations, go_on, sample, tempered
-from streamkit.builtin.samplers.emulator.reach import leading
-from streamkit.builtin.samplers.emulator.recall import Recall, recall
-from streamkit.builtin.samplers.emulator.remembered import given_up
-from streamkit.builtin.samplers.emulator.settled import ROUNDS, moved_by, uncertain_by
-from streamkit.builtin.samplers.emulator.start import SOME, Known, Starter, begin_apart, own_error_of
+from streamkit.builtin.samplers.emulator.start import Starter, begin_apart, own_error_of
 from streamkit.builtin.samplers.emulator.tilt import tilt
-from streamkit.builtin.samplers.emulator.together import tested_together
+from streamkit.builtin.samplers.emulator.walk.density import Emulated, Factor, Joint
+from streamkit.builtin.samplers.emulator.walk.populations import (
+    GIVEN,
+    TESTED,
+    Asked,
+    Populations,
+    go_on,
+    sample,
+    tempered,
+)
 
 # Inverse temperatures of the copies that new points come from, and the share of each. Tempered ones see regions where
 # the emulator may be too low.

@@ -10,17 +10,17 @@ import numpy as np
 from pydantic import Field
 
 from streamkit import Array, EmulatedLikelihood, Evaluations, Sampler, Samples, Target, Verdict
-from streamkit.builtin.samplers.emulator.of_target import LikelihoodOnly, OfTarget
-from streamkit.builtin.samplers.emulator.problem import Problem
+from streamkit.builtin.samplers.emulator.learn.of_target import LikelihoodOnly, OfTarget
+from streamkit.builtin.samplers.emulator.learn.problem import Problem
 
 if TYPE_CHECKING:  # SciPy is slow to load
     from streamkit.builtin.samplers.emulator.certificate import Certificate
-    from streamkit.builtin.samplers.emulator.density import Factor
-    from streamkit.builtin.samplers.emulator.emulator import Emulator
-    from streamkit.builtin.samplers.emulator.recall import Recall
+    from streamkit.builtin.samplers.emulator.judge.recall import Recall
+    from streamkit.builtin.samplers.emulator.known import Known
+    from streamkit.builtin.samplers.emulator.learn.emulator import Emulator
+    from streamkit.builtin.samplers.emulator.learn.space import Space
     from streamkit.builtin.samplers.emulator.rounds import Progress
-    from streamkit.builtin.samplers.emulator.space import Space
-    from streamkit.builtin.samplers.emulator.start import Known
+    from streamkit.builtin.samplers.emulator.walk.density import Factor
 
 LEAST, MOST = 500, 4000  # samples that are given, about as many as are independent
 QUICK_CALLS = 400
@@ -57,8 +57,8 @@ class PredictionEmulator(Sampler):
 
     def sample(self, target: Target) -> Iterator[Samples]:
         """Make rounds of calls until they confirm the emulators; yield samples of the emulated posterior."""
+        from streamkit.builtin.samplers.emulator.learn.space import Space
         from streamkit.builtin.samplers.emulator.rounds import Rounds
-        from streamkit.builtin.samplers.emulator.space import Space
 
         factors, space = _factors(target), Space(OfTarget(target))
         one = self.realisation == "one"
@@ -91,7 +91,7 @@ class PredictionEmulator(Sampler):
 
 def _factors(target: Target) -> list[Factor]:
     """Return the streams of a run of several, and the data of the host; one factor otherwise."""
-    from streamkit.builtin.samplers.emulator.density import Factor, one_factor
+    from streamkit.builtin.samplers.emulator.walk.density import Factor, one_factor
 
     if len(target.factors) > 1:
         return [Factor(each.name, *_problems(each.target), each.shared, each.own, each.target.earlier)
@@ -131,7 +131,7 @@ def _samples(target: Target, space: Space, progress: Progress) -> Samples:
 
 def _evidence(target: Target, progress: Progress) -> tuple[float, float]:
     """Return ln evidence and its error, that of the noise of calls included; NaN before the sampler's end."""
-    from streamkit.builtin.samplers.emulator.evidence import ln_evidence, noise_of_calls
+    from streamkit.builtin.samplers.emulator.walk.evidence import ln_evidence, noise_of_calls
 
     if progress.missing:
         return np.nan, np.nan
@@ -145,7 +145,7 @@ def _predictions(target: Target, known: Known, z: Array) -> tuple[Array, Array, 
 
     NaN where ln L is learned as a whole and too few calls have predictions.
     """
-    from streamkit.builtin.samplers.emulator.learn import learn_predictions
+    from streamkit.builtin.samplers.emulator.learn.from_calls import learn_predictions
 
     emulator: Emulator | None = known.emulated.emulator
     if target.undeclared:  # calls that were made give the predictions too, and cost nothing
@@ -195,8 +195,8 @@ def _facts_of_factors(progress: Progress) -> dict[str, str]:
 
 def _verdict(progress: Progress) -> Verdict:
     """Return the verdict of the fresh calls; "do not use" too where none were made, or a mode may be missing."""
-    from streamkit.builtin.samplers.emulator.agreement import OF_OWN
     from streamkit.builtin.samplers.emulator.certificate import MOVED
+    from streamkit.builtin.samplers.emulator.walk.agreement import OF_OWN
 
     several = len(progress.known) > 1
     subject = "fresh calls beside the emulators" if several else "fresh calls beside the emulator"

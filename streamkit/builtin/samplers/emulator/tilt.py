@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from streamkit import Array
-from streamkit.builtin.samplers.emulator.density import Factor
+from streamkit.builtin.samplers.emulator.walk.density import Factor
 
 # Factor by which the covariance of the posterior is widened.
 WIDER = 2.0

@@ -9,8 +9,8 @@ import numpy as np
 from streamkit import Array
 from streamkit.builtin.samplers.emulator.certificate import BLURRED
 from streamkit.builtin.samplers.emulator.changes import difference
-from streamkit.builtin.samplers.emulator.populations import Populations
-from streamkit.builtin.samplers.emulator.start import Known
+from streamkit.builtin.samplers.emulator.known import Known
+from streamkit.builtin.samplers.emulator.walk.populations import Populations
 
 # Standard deviations that a parameter, or a principal axis, may move between rounds, and the fraction by which its
 # width may change; or as much as the noise of the calls may move it, where that is more and still little enough.

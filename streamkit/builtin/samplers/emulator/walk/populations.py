@@ -18,12 +18,12 @@ from typing import NamedTuple
 import numpy as np
 
 from streamkit import Array
-from streamkit.builtin.samplers.emulator.agreement import judge
 from streamkit.builtin.samplers.emulator.at_once import AtOnce, in_turn
 from streamkit.builtin.samplers.emulator.changes import every_so_often
-from streamkit.builtin.samplers.emulator.density import Density, Layout, Terms
-from streamkit.builtin.samplers.emulator.moves import Moves
-from streamkit.builtin.samplers.emulator.population import Pair, Population
+from streamkit.builtin.samplers.emulator.walk.agreement import judge
+from streamkit.builtin.samplers.emulator.walk.density import Density, Layout, Terms
+from streamkit.builtin.samplers.emulator.walk.moves import Moves
+from streamkit.builtin.samplers.emulator.walk.population import Pair, Population
 
 # Walkers of a population of one posterior; of K factors it has that divided by K, and so many at least.
 WALKERS, LEAST_WALKERS = 1000, 400

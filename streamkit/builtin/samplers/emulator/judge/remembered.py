@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from streamkit.builtin.samplers.emulator.calls import Calls
-from streamkit.builtin.samplers.emulator.recall import CALLS, MISSING
-from streamkit.builtin.samplers.emulator.start import Known
+from streamkit.builtin.samplers.emulator.judge.recall import CALLS, MISSING
+from streamkit.builtin.samplers.emulator.known import Known
+from streamkit.builtin.samplers.emulator.learn.calls import Calls
 
 # Standard deviations of the own error by which the predictions may be nearer to the data, and nats that this must add.
 SIGMAS, UNSURE = 2.0, 3.0

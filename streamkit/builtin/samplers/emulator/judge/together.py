@@ -9,7 +9,6 @@ from functools import cached_property
 import numpy as np
 
 from streamkit import Array, IntArray
-from streamkit.builtin.samplers.emulator.calls import Calls
 from streamkit.builtin.samplers.emulator.certificate import (
     BLIND,
     FRESH,
@@ -23,9 +22,10 @@ from streamkit.builtin.samplers.emulator.certificate import (
     trend_of,
 )
 from streamkit.builtin.samplers.emulator.changes import change_of, every_so_often, with_axes
-from streamkit.builtin.samplers.emulator.held_out import HeldOut
+from streamkit.builtin.samplers.emulator.judge.held_out import HeldOut
+from streamkit.builtin.samplers.emulator.known import SOME, Known
+from streamkit.builtin.samplers.emulator.learn.calls import Calls
 from streamkit.builtin.samplers.emulator.places import to_call
-from streamkit.builtin.samplers.emulator.start import SOME, Known
 
 # Fraction of trends by chance that may be larger than one that counts.
 LEVEL = 0.05

@@ -11,10 +11,10 @@ import numpy as np
 from scipy.special import log_expit
 
 from streamkit import Array, BoolArray
-from streamkit.builtin.samplers.emulator.growth import Growth
-from streamkit.builtin.samplers.emulator.kernel import Kernel
-from streamkit.builtin.samplers.emulator.polynomial import Leverage, LowRank, Polynomial, Slopes
-from streamkit.builtin.samplers.emulator.problem import Problem
+from streamkit.builtin.samplers.emulator.learn.growth import Growth
+from streamkit.builtin.samplers.emulator.learn.kernel import Kernel
+from streamkit.builtin.samplers.emulator.learn.polynomial import Leverage, LowRank, Polynomial, Slopes
+from streamkit.builtin.samplers.emulator.learn.problem import Problem
 from streamkit.builtin.samplers.monomials import monomials
 
 # Noise of a call below this many squared errors of the data is none.

@@ -10,7 +10,7 @@ from scipy.special import ndtri
 from scipy.stats import rankdata
 
 from streamkit import Array
-from streamkit.builtin.samplers.emulator.density import Layout
+from streamkit.builtin.samplers.emulator.walk.density import Layout
 
 # A sum of autocorrelations ends at so many times (Sokal 1997).
 WINDOW = 5.0

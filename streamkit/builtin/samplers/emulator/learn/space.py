@@ -6,7 +6,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from streamkit import Array
-from streamkit.builtin.samplers.emulator.problem import Problem
+from streamkit.builtin.samplers.emulator.learn.problem import Problem
 
 # Ends of the table of a prior, in standard deviations of the normal that it is mapped to, and its places.
 END, PLACES = 8.2, 4101

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from streamkit import Array, BoolArray
-from streamkit.builtin.samplers.emulator.emulator import Emulator
-from streamkit.builtin.samplers.emulator.learn import learn
-from streamkit.builtin.samplers.emulator.problem import Answers, Problem
-from streamkit.builtin.samplers.emulator.space import Space
+from streamkit.builtin.samplers.emulator.learn.emulator import Emulator
+from streamkit.builtin.samplers.emulator.learn.from_calls import learn
+from streamkit.builtin.samplers.emulator.learn.problem import Answers, Problem
+from streamkit.builtin.samplers.emulator.learn.space import Space
 
 
 @dataclass(frozen=True)

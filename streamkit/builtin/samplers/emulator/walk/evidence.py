@@ -10,9 +10,9 @@ import numpy as np
 
 from streamkit import Array
 from streamkit.builtin.samplers.emulator.changes import every_so_often
-from streamkit.builtin.samplers.emulator.density import Density, Joint
-from streamkit.builtin.samplers.emulator.mixture import Mixture
-from streamkit.builtin.samplers.emulator.populations import Populations
+from streamkit.builtin.samplers.emulator.walk.density import Density, Joint
+from streamkit.builtin.samplers.emulator.walk.mixture import Mixture
+from streamkit.builtin.samplers.emulator.walk.populations import Populations
 
 DRAWS, SAMPLES = 4000, 4000  # draws of a mixture, and most samples of a population
 STEPS, CLOSE = 200, 1e-8  # of the iteration to the evidence, and the change of ln evidence at which it ends

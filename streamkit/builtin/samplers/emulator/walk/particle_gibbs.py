@@ -21,9 +21,9 @@ from typing import NamedTuple
 import numpy as np
 
 from streamkit import Array, BoolArray, IntArray
-from streamkit.builtin.samplers.emulator.density import Density, Terms, gain
-from streamkit.builtin.samplers.emulator.following import Following
-from streamkit.builtin.samplers.emulator.mixture import Mixture
+from streamkit.builtin.samplers.emulator.walk.density import Density, Terms, gain
+from streamkit.builtin.samplers.emulator.walk.following import Following
+from streamkit.builtin.samplers.emulator.walk.mixture import Mixture
 
 # From h (n, q): where a step goes, and what is added to ln of its acceptance (n,).
 Step = Callable[[Array], tuple[Array, Array]]

@@ -13,11 +13,11 @@ from copy import copy
 import numpy as np
 
 from streamkit import Array
-from streamkit.builtin.samplers.emulator.density import Density, Layout, Terms, gain
-from streamkit.builtin.samplers.emulator.following import Following
-from streamkit.builtin.samplers.emulator.geodesic import Surface, trajectory
-from streamkit.builtin.samplers.emulator.mixture import Mixture
-from streamkit.builtin.samplers.emulator.particle_gibbs import move_shared
+from streamkit.builtin.samplers.emulator.walk.density import Density, Layout, Terms, gain
+from streamkit.builtin.samplers.emulator.walk.following import Following
+from streamkit.builtin.samplers.emulator.walk.geodesic import Surface, trajectory
+from streamkit.builtin.samplers.emulator.walk.mixture import Mixture
+from streamkit.builtin.samplers.emulator.walk.particle_gibbs import move_shared
 
 # Lengths of Crank-Nicolson steps, of which each walker draws one.
 LENGTHS = (0.25, 0.5, 0.8, 1.0)

@@ -13,9 +13,9 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from streamkit import Array, BoolArray, IntArray
-from streamkit.builtin.samplers.emulator.emulator import Emulator
-from streamkit.builtin.samplers.emulator.problem import Problem
-from streamkit.builtin.samplers.emulator.space import Space
+from streamkit.builtin.samplers.emulator.learn.emulator import Emulator
+from streamkit.builtin.samplers.emulator.learn.problem import Problem
+from streamkit.builtin.samplers.emulator.learn.space import Space
 
 # Most that the emulator's own error adds to ln L. Without a limit, places far from all calls have the likelihood of a
 # flat density, and their volume may hold more of the posterior than the places that fit.

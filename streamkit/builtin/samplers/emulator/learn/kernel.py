@@ -15,7 +15,7 @@ from scipy.linalg import cholesky, eigh, solve_triangular
 from scipy.optimize import minimize
 
 from streamkit import Array, IntArray
-from streamkit.builtin.samplers.emulator.polynomial import Leverage, LowRank, Slopes
+from streamkit.builtin.samplers.emulator.learn.polynomial import Leverage, LowRank, Slopes
 
 # Points that represent the process, those that its lengths are learned from, and steps of learning.
 INDUCING, LEARNED_FROM, STEPS = 600, 400, 25

@@ -15,12 +15,12 @@ import numpy as np
 
 from streamkit import Array, BoolArray
 from streamkit.builtin.samplers.emulator.at_once import AtOnce
-from streamkit.builtin.samplers.emulator.calls import Calls
 from streamkit.builtin.samplers.emulator.changes import with_axes
-from streamkit.builtin.samplers.emulator.density import Emulated
-from streamkit.builtin.samplers.emulator.emulator import Emulator
-from streamkit.builtin.samplers.emulator.start import Known
+from streamkit.builtin.samplers.emulator.known import Known
+from streamkit.builtin.samplers.emulator.learn.calls import Calls
+from streamkit.builtin.samplers.emulator.learn.emulator import Emulator
 from streamkit.builtin.samplers.emulator.tilt import tilt
+from streamkit.builtin.samplers.emulator.walk.density import Emulated
 
 # One in so many calls at the posterior is held out, and so many at least: fewer test nothing.
 PART, LEAST = 4, 64

@@ -13,9 +13,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from streamkit import Array
-from streamkit.builtin.samplers.emulator.density import Density, Joint
-from streamkit.builtin.samplers.emulator.population import Population
-from streamkit.builtin.samplers.emulator.start import Start
+from streamkit.builtin.samplers.emulator.known import Start
+from streamkit.builtin.samplers.emulator.walk.density import Density, Joint
+from streamkit.builtin.samplers.emulator.walk.population import Population
 
 # Walkers, their sweeps until they have come, and how many of those after it are used.
 WALKERS, SWEEPS, USED = 256, 60, 8

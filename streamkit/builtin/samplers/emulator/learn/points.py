@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from streamkit import Array, BoolArray, IntArray
-from streamkit.builtin.samplers.emulator.emulator import SILENCE
-from streamkit.builtin.samplers.emulator.pairs import pairs_of
-from streamkit.builtin.samplers.emulator.problem import Answers, Problem
+from streamkit.builtin.samplers.emulator.learn.emulator import SILENCE
+from streamkit.builtin.samplers.emulator.learn.pairs import pairs_of
+from streamkit.builtin.samplers.emulator.learn.problem import Answers, Problem
 from streamkit.builtin.samplers.monomials import count
 
 # Points lower in ln likelihood than the best by so much, plus half the number of parameters, count a quarter.

@@ -17,8 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from streamkit import Array, BoolArray, IntArray
-from streamkit.builtin.samplers.emulator.arrow import Arrow, solved, times
-from streamkit.builtin.samplers.emulator.density import Layout, Tangent
+from streamkit.builtin.samplers.emulator.walk.arrow import Arrow, solved, times
+from streamkit.builtin.samplers.emulator.walk.density import Layout, Tangent
 
 # Lengths of a step, in standard deviations, between which each walker draws one by its logarithm; steps at most.
 SHORTEST, LONGEST, MOST_STEPS = 0.1, 1.2, 3

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from streamkit import Array, BoolArray, Target
-from streamkit.builtin.samplers.emulator.problem import Answers, Problem
+from streamkit.builtin.samplers.emulator.learn.problem import Answers, Problem
 
 # Largest variance of an emulated ln likelihood that counts: more would drown all else where there are no calls.
 MOST_VARIANCE = 40.0

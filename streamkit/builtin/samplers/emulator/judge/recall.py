@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from streamkit import Array
-from streamkit.builtin.samplers.emulator.calls import Calls
-from streamkit.builtin.samplers.emulator.density import Joint
-from streamkit.builtin.samplers.emulator.population import Population
-from streamkit.builtin.samplers.emulator.start import Known
+from streamkit.builtin.samplers.emulator.known import Known
+from streamkit.builtin.samplers.emulator.learn.calls import Calls
+from streamkit.builtin.samplers.emulator.walk.density import Joint
+from streamkit.builtin.samplers.emulator.walk.population import Population
 
 # Walkers without the limit, sweeps of their walk, and how many of them are used.
 WALKERS, SWEEPS, USED = 256, 20, 6

@@ -7,11 +7,11 @@ from typing import NamedTuple
 import numpy as np
 
 from streamkit import Array
-from streamkit.builtin.samplers.emulator.growth import Growth
-from streamkit.builtin.samplers.emulator.kernel import Kernel
-from streamkit.builtin.samplers.emulator.pairs import ENOUGH
-from streamkit.builtin.samplers.emulator.points import Points
-from streamkit.builtin.samplers.emulator.polynomial import Leverage, Polynomial, Regression
+from streamkit.builtin.samplers.emulator.learn.growth import Growth
+from streamkit.builtin.samplers.emulator.learn.kernel import Kernel
+from streamkit.builtin.samplers.emulator.learn.pairs import ENOUGH
+from streamkit.builtin.samplers.emulator.learn.points import Points
+from streamkit.builtin.samplers.emulator.learn.polynomial import Leverage, Polynomial, Regression
 
 # Standard errors by which a measured variance must exceed the stated noise before it counts as a lack of fit.
 CHANCE = 1.5

@@ -14,8 +14,8 @@ import numpy as np
 
 from streamkit import Array, IntArray, StreamkitError
 from streamkit.builtin.samplers.emulator.at_once import AtOnce
-from streamkit.builtin.samplers.emulator.density import Density, Layout, Terms
-from streamkit.builtin.samplers.emulator.moves import Moves
+from streamkit.builtin.samplers.emulator.walk.density import Density, Layout, Terms
+from streamkit.builtin.samplers.emulator.walk.moves import Moves
 
 # Fraction of the walkers that the weights of a stage leave.
 EFFECTIVE = 0.5

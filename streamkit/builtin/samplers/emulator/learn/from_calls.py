@@ -9,12 +9,12 @@ from scipy.linalg import LinAlgError
 from scipy.special import expit
 
 from streamkit import Array, BoolArray
-from streamkit.builtin.samplers.emulator.emulator import Emulator
-from streamkit.builtin.samplers.emulator.errors import Errors, error_of
-from streamkit.builtin.samplers.emulator.kernel import BEGINS, LEARNED_FROM, Kernel, learn_kernel
-from streamkit.builtin.samplers.emulator.points import NEAR, Points, best_of
-from streamkit.builtin.samplers.emulator.polynomial import LowRank, Polynomial, Regression, regress
-from streamkit.builtin.samplers.emulator.problem import Answers, Problem
+from streamkit.builtin.samplers.emulator.learn.emulator import Emulator
+from streamkit.builtin.samplers.emulator.learn.errors import Errors, error_of
+from streamkit.builtin.samplers.emulator.learn.kernel import BEGINS, LEARNED_FROM, Kernel, learn_kernel
+from streamkit.builtin.samplers.emulator.learn.points import NEAR, Points, best_of
+from streamkit.builtin.samplers.emulator.learn.polynomial import LowRank, Polynomial, Regression, regress
+from streamkit.builtin.samplers.emulator.learn.problem import Answers, Problem
 from streamkit.builtin.samplers.monomials import count, monomials
 
 # Polynomials that are tried: degrees, most terms, effective points for each term, and ridge penalties in units of the

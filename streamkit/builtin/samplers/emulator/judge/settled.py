@@ -16,8 +16,8 @@ from streamkit.builtin.samplers.emulator.changes import (
     real_change_of,
     with_axes,
 )
-from streamkit.builtin.samplers.emulator.density import Joint
-from streamkit.builtin.samplers.emulator.start import Known
+from streamkit.builtin.samplers.emulator.known import Known
+from streamkit.builtin.samplers.emulator.walk.density import Joint
 
 # The posterior is compared with that of the emulators of so many rounds before.
 ROUNDS = 2

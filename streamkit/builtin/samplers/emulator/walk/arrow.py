@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from streamkit import Array, IntArray
-from streamkit.builtin.samplers.emulator.density import Layout
+from streamkit.builtin.samplers.emulator.walk.density import Layout
 
 
 class Block(NamedTuple):
