@@ -28,7 +28,7 @@ PART, LEAST = 4, 64
 LOWEST = 0.02
 # Standard deviations by which the mean of these calls may differ from that of the samples, and the fraction of the
 # samples' widths that theirs are at least: else samples are where no calls are. Calls are spread more evenly.
-ELSEWHERE, NARROW = 0.5, 0.7
+ELSEWHERE, NARROW = 1.0, 0.7
 
 
 @dataclass(frozen=True)
