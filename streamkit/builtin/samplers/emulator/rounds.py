@@ -249,7 +249,7 @@ class Rounds:
         """Return how far the posterior has moved, what is uncertain, and what is missing before a test."""
         samples = every_so_often(result.samples, 4 * SOME)
         moved = moved_by(known, joint, samples, self._watched(), np.random.default_rng([*seed, 10]))
-        uncertain = uncertain_by(known, samples, self._watched(), np.random.default_rng([*seed, 5]))
+        uncertain = uncertain_by(known, samples, self._watched(), np.random.default_rng([*seed, 5]), self._at_once)
         for each in known:
             mine = samples[:, each.factor.columns]
             each.own_error = own_error_of(each.emulated.unlimited(), mine)

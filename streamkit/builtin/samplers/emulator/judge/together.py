@@ -157,7 +157,5 @@ class _Test:
     def _judge(self, trend: Trend | None) -> None:
         known, emulated, samples, rng, tested = self.known, self._emulated, self._samples, self._rng, self._tested()
         before, held = (known.calls, 0) if self._held is None else (None, len(self._held.calls))
-        self._certificate = replace(
-            certify(emulated, tested, trend, samples, rng, self._level, before), held_out=held
-        )
+        self._certificate = replace(certify(emulated, tested, trend, samples, rng, self._level, before), held_out=held)
         self.changes = changes_by_trend(emulated, tested, every_so_often(samples, SOME), rng, by_sign=True)
