@@ -9,6 +9,7 @@ import re
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -150,27 +151,38 @@ class Files:
                 raise ValueError(
                     f"{name!r}: the suffix says the format and must be one of {', '.join(FORMATS)}; found {suffix!r}"
                 )
-            from astropy.table import Table  # slow to import, and only tables need it
-
-            raw = self.content(name)
-            if not raw.strip():
-                raise ValueError(f"{name!r} is empty; expected a table in the format {suffix[1:].upper()}")
-            try:  # astropy takes a text without the end of a line for the name of a file
-                content: Any = io.BytesIO(raw) if suffix.startswith(".fit") else raw.decode() + "\n"
-                with warnings.catch_warnings():
-                    warnings.simplefilter("ignore")
-                    table = Table.read(content, format=FORMATS[suffix])
-                    if suffix == ".ecsv" and SERIALIZED in content:
-                        self._plain[name] = Table.read(content.replace(SERIALIZED, "plain"), format=FORMATS[suffix])
-            except UnicodeDecodeError as error:
-                raise ValueError(f"{name!r} is no text in UTF-8: {error.reason} at byte {error.start}") from None
-            except Exception as error:  # each format has errors of its own
-                text = " ".join(str(error).split())[:200]
-                raise ValueError(f"{name!r} is no table in the format {suffix[1:].upper()} ({text})") from None
-            if isinstance(content, str):
-                _require_different(name, content)
-            self._tables[name] = table
+            self._tables[name], plain = _parsed(name, self.content(name))
+            if plain is not None:
+                self._plain[name] = plain
         return self._tables[name]
+
+
+@lru_cache(maxsize=64)
+def _parsed(name: str, raw: bytes) -> tuple[Table, Table | None]:
+    """Return a table, and the same without quantities where its header makes some. Nobody changes them.
+
+    A run file is read several times by one command, and astropy takes some 20 ms a table.
+    """
+    from astropy.table import Table  # slow to import, and only tables need it
+
+    suffix, plain = Path(name).suffix.lower(), None
+    if not raw.strip():
+        raise ValueError(f"{name!r} is empty; expected a table in the format {suffix[1:].upper()}")
+    try:  # astropy takes a text without the end of a line for the name of a file
+        content: Any = io.BytesIO(raw) if suffix.startswith(".fit") else raw.decode() + "\n"
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            table = Table.read(content, format=FORMATS[suffix])
+            if suffix == ".ecsv" and SERIALIZED in content:
+                plain = Table.read(content.replace(SERIALIZED, "plain"), format=FORMATS[suffix])
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{name!r} is no text in UTF-8: {error.reason} at byte {error.start}") from None
+    except Exception as error:  # each format has errors of its own
+        text = " ".join(str(error).split())[:200]
+        raise ValueError(f"{name!r} is no table in the format {suffix[1:].upper()} ({text})") from None
+    if isinstance(content, str):
+        _require_different(name, content)
+    return table, plain
 
 
 def _require_different(name: str, text: str) -> None:
