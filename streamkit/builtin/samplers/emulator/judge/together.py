@@ -66,7 +66,7 @@ def tested_together(
         faults.append(f"trends of the residuals of all streams together move the posterior by {measured:.2f} "
                       "standard deviations")  # fmt: skip
     elif several and by_chance > BLIND and not faults:
-        faults.append(f"the fresh calls of all streams together are too few: a mean or a width off by {by_chance:.2f} "
+        faults.append(f"the calls that test all streams together are too few: a mean or a width off by {by_chance:.2f} "
                       "standard deviations would not show")  # fmt: skip
     return trend, faults
 
@@ -95,7 +95,6 @@ class _Test:
     ) -> None:
         self.known, self._held, self._samples, self._level, self._rng = known, held, samples, level, rng
         self._emulated = known.emulated if held is None else held.emulated
-        self._fresh: Calls | None = None
         self.changes: Array | None = None
 
     @cached_property
@@ -107,30 +106,29 @@ class _Test:
     def begin(self, max_calls: int) -> None:
         """Take the calls that were held out, or make fresh ones until a trend can be told from chance."""
         if self._held is not None:
+            self._calls = self._held.calls
             self._judge(self._trend())
             return
-        left = max_calls - len(self.known.calls)
-        problem = self.known.factor.problem
-        self._fresh, trend = fresh_calls(self._emulated, problem, self._samples, self._rng, self._level, left)
+        left, problem = max_calls - len(self.known.calls), self.known.factor.problem
+        self._calls, trend = fresh_calls(self._emulated, problem, self._samples, self._rng, self._level, left)
         self._judge(trend)
 
     def has_more(self, max_calls: int) -> bool:
         """Whether it may be called again."""
-        made = len(self._tested())
+        made = len(self._calls)
         return self.changes is not None and made < min(MOST_BATCHES * FRESH, max_calls - len(self.known.calls) - FRESH)
 
     def gains(self, moving: Array) -> float:
         """Return what a call more would take from what its trends by chance move of samples (n, d), squared."""
         assert self.changes is not None  # noqa: S101  `has_more` says so
-        return float(np.mean([change_of(moving, each) ** 2 for each in self.changes[1:]])) / len(self._tested())
+        return float(np.mean([change_of(moving, each) ** 2 for each in self.changes[1:]])) / len(self._calls)
 
     def go_on(self) -> None:
         """Make more fresh calls, at other samples."""
-        emulated, made = self._emulated, {row.tobytes() for row in self._tested().theta}
+        emulated, made = self._emulated, {row.tobytes() for row in self._calls.theta}
         left = np.array([row.tobytes() not in made for row in emulated.space.points(self._samples)])
         places = to_call(emulated, self._samples[left], FRESH, self._rng)
-        more = Calls.at(self.known.factor.problem, emulated.space, places)
-        self._fresh = more if self._fresh is None else self._fresh + more
+        self._calls += Calls.at(self.known.factor.problem, emulated.space, places)
         self._judge(self._trend())
 
     def faults(self) -> tuple[str, ...]:
@@ -138,24 +136,18 @@ class _Test:
         return self._certificate.faults
 
     def kept(self, moving: Array) -> tuple[str, ...]:
-        """Keep the calls, the certificate, and what the trend moves of samples (n, d); return the faults."""
+        """Keep the new calls, the certificate, and what the trend moves of samples (n, d); return the faults."""
         known = self.known
-        if self._fresh is not None:
-            known.calls += self._fresh
+        known.calls += self._calls.take(np.arange(len(self._calls)) >= self._certificate.held_out)
         known.certificate, known.is_confirmed = self._certificate, not self.faults()
         known.trend = np.inf if self.changes is None else change_of(moving, self.changes[0])
         return self.faults()
 
-    def _tested(self) -> Calls:
-        """Return the calls that test it."""
-        parts = [each for each in (None if self._held is None else self._held.calls, self._fresh) if each is not None]
-        return parts[0] if len(parts) == 1 else parts[0] + parts[1]
-
     def _trend(self) -> Trend | None:
-        return trend_of(self._emulated, self._tested(), self._samples, self._rng, self._level)
+        return trend_of(self._emulated, self._calls, self._samples, self._rng, self._level)
 
     def _judge(self, trend: Trend | None) -> None:
-        known, emulated, samples, rng, tested = self.known, self._emulated, self._samples, self._rng, self._tested()
-        before, held = (known.calls, 0) if self._held is None else (None, len(self._held.calls))
-        self._certificate = replace(certify(emulated, tested, trend, samples, rng, self._level, before), held_out=held)
-        self.changes = changes_by_trend(emulated, tested, every_so_often(samples, SOME), rng, by_sign=True)
+        emulated, calls, samples, rng = self._emulated, self._calls, self._samples, self._rng
+        before, held = (self.known.calls, 0) if self._held is None else (None, len(self._held.calls))
+        self._certificate = replace(certify(emulated, calls, trend, samples, rng, self._level, before), held_out=held)
+        self.changes = changes_by_trend(emulated, calls, every_so_often(samples, SOME), rng, by_sign=True)
