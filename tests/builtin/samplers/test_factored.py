@@ -93,10 +93,10 @@ def test_fresh_calls_are_made_until_a_fault_of_all_streams_together_would_show(m
     (first, faults), few = tested(blind=1.0), fresh()
     assert not faults
     assert sum(len(each.calls) for each in known) == 18000 + few  # all are kept
-    second, faults = tested(blind=0.6 * first.by_chance)
+    second, faults = tested(blind=0.5 * first.by_chance)
     assert not faults
     assert second.by_chance < 0.6 * first.by_chance
-    assert few < fresh() < 4 * few  # the noise of n calls falls as n^-1/2, and the loudest stream is called most
+    assert few < fresh() < 6 * few  # the noise of n calls falls as n^-1/2, and the loudest stream is called most
     _, faults = tested(blind=0.1 * first.by_chance, max_calls=max(len(each.calls) for each in known) + 300)
     assert "too few" in faults[-1]
 

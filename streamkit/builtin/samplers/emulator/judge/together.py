@@ -54,37 +54,45 @@ def tested_together(
         test.begin(max_calls)
     moving = with_axes(every_so_often(samples, SOME)[:, watched])
     several = len(known) > 1
-    trend = measured, by_chance = _together(moving, tests)
-    while several and measured <= max(MOVED, by_chance) and by_chance > BLIND and not any(map(_Test.faults, tests)):
+    trend, by_calls = _together(moving, tests)
+    while several and trend.measured <= max(MOVED, trend.by_chance) and by_calls > BLIND:
+        if any(map(_Test.faults, tests)):
+            break
         more = [each for each in tests if each.has_more(max_calls)]
         if not more:
             break
         max(more, key=lambda each: each.gains(moving)).go_on()
-        trend = measured, by_chance = _together(moving, tests)
+        trend, by_calls = _together(moving, tests)
+    measured, by_chance = trend
     faults = [f"{test.known.factor.name}: {fault}" for test in tests for fault in test.kept(moving)]
     if several and measured > max(MOVED, by_chance):
         faults.append(f"trends of the residuals of all streams together move the posterior by {measured:.2f} "
                       "standard deviations")  # fmt: skip
-    elif several and by_chance > BLIND and not faults:
+    elif several and by_calls > BLIND and not faults:
         faults.append(f"the calls that test all streams together are too few: a mean or a width off by {by_chance:.2f} "
                       "standard deviations would not show")  # fmt: skip
     return trend, faults
 
 
-def _together(moving: Array, tests: Sequence[_Test]) -> Trend:
-    """Return what all trends together move of samples (n, d); NaN where none is known.
+def _together(moving: Array, tests: Sequence[_Test]) -> tuple[Trend, float]:
+    """Return what all trends together move of samples (n, d), and what the calls that test move by chance.
 
-    Chance is the noise of the calls that test, and of several factors also that of the calls that were learned from:
-    each emulator is off by some of it, which is little where a test is made, and the sum of all is a trend.
+    NaN where none is known. Chance of several factors is the noise of the calls that test, which more of them lower, and
+    of those that were learned from: each emulator is off by some of it, and the sum of all is a trend.
     """
     found = [test.changes for test in tests if test.changes is not None]
     if not found:
-        return Trend(np.nan, np.nan)
+        return Trend(np.nan, np.nan), np.nan
     total = np.sum(found, axis=0)  # (1 + tries, n)
-    if len(tests) > 1:
-        total[1:] += np.sum([test.by_noise for test in tests if test.changes is not None], axis=0)
-    measured, *tries = (change_of(moving, each) for each in total)
-    return Trend(measured, float(np.quantile(tries, 1 - LEVEL)))
+
+    def by_chance(changes: Array) -> float:
+        return float(np.quantile([change_of(moving, each) for each in changes], 1 - LEVEL))
+
+    measured, by_calls = change_of(moving, total[0]), by_chance(total[1:])
+    if len(tests) == 1:
+        return Trend(measured, by_calls), by_calls
+    noise = np.sum([test.by_noise for test in tests if test.changes is not None], axis=0)
+    return Trend(measured, by_chance(total[1:] + noise)), by_calls
 
 
 class _Test:
