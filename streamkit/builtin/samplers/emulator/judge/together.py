@@ -77,8 +77,9 @@ def tested_together(
 def _together(moving: Array, tests: Sequence[_Test]) -> tuple[Trend, float]:
     """Return what all trends together move of samples (n, d), and what the calls that test move by chance.
 
-    NaN where none is known. Chance of several factors is the noise of the calls that test, which more of them lower, and
-    of those that were learned from: each emulator is off by some of it, and the sum of all is a trend.
+    NaN where none is known. Chance of several factors is the noise of the calls that test, and of those that were
+    learned from: each emulator is off by some of it, and the sum of all is a trend. More calls that test lower the
+    first alone.
     """
     found = [test.changes for test in tests if test.changes is not None]
     if not found:
