@@ -23,7 +23,7 @@ from streamkit import Array, IntArray
 from streamkit.builtin.samplers.emulator.at_once import AtOnce, in_turn
 from streamkit.builtin.samplers.emulator.certificate import MOVED, blur_of
 from streamkit.builtin.samplers.emulator.changes import difference, every_so_often, real_change_of, with_axes
-from streamkit.builtin.samplers.emulator.judge.held_out import HeldOut, held_out
+from streamkit.builtin.samplers.emulator.judge.held_out import held_out
 from streamkit.builtin.samplers.emulator.judge.missing import (
     apart,
     before_a_test,
@@ -235,8 +235,7 @@ class Rounds:
 
         The latter is that of samples (2, n, d) of the ``warm`` copy, the first tempered one.
         """
-        samples = warm.reshape(-1, warm.shape[2])
-        found = self._at_once([partial(each.calls.learn, tilt(each.factor, samples, each.calls.z)) for each in known])
+        found = self._at_once([partial(each.calls.learn, tilt(each.factor, warm, each.calls.z)) for each in known])
         for each, emulator in zip(known, found, strict=True):
             if emulator is not None:
                 each.emulated = replace(each.emulated, emulator=emulator.of(each.calls.problem))
@@ -301,7 +300,7 @@ class Rounds:
         if fault := apart(tested) or blurred(known) or self._unseen(known, tested, [*seed, 9]):
             return replace(now, missing=fault)
         samples, rng = every_so_often(tested.samples, 4 * SOME), np.random.default_rng([*seed, 6])
-        held = self._held_out(known, samples, copies[1], rng)
+        held = held_out(known, samples, copies[1], self._at_once, rng)
         (trend, by_chance), faults = tested_together(known, held, samples, self._watched(), max_calls, rng)
         beyond = recall(known, now.joint, np.concatenate([*tested.last, *copies[-1]]), [*seed, 7])
         faults += [beyond.fault] if beyond.fault else []
@@ -318,14 +317,6 @@ class Rounds:
             return now
         missing = f"what fresh calls have taught moves the posterior by {changed:.2f} standard deviations"
         return replace(now, changed=changed, missing=missing)
-
-    def _held_out(
-        self, known: Sequence[Known], samples: Array, warm: Array, rng: np.random.Generator
-    ) -> Sequence[HeldOut | None]:
-        """Hold out calls of each of several factors; fresh calls test a single one."""
-        if len(known) == 1:
-            return [None]
-        return held_out(known, samples, warm.reshape(-1, warm.shape[2]), self._at_once, rng)
 
     def _sampled(self, known: Sequence[Known], now: Progress, copies: Sequence[Array], seed: list[int]) -> Populations:
         """Sample the posterior to its end: from the starts, or for several streams from the warmest copies.

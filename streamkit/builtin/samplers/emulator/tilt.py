@@ -12,7 +12,7 @@ WIDER = 2.0
 
 
 def tilt(factor: Factor, samples: Array, z: Array) -> Array:
-    """(n,) What samples (m, d) of all factors' posterior say of hosts: ln of a Gaussian at coordinates z of a factor.
+    """(n,) What samples (..., d) of all factors' posterior say of hosts: ln of a Gaussian at coordinates z of a factor.
 
     A stream in tension with the others is learned where the joint posterior is, and not where it alone would be. The
     Gaussian is that of the shared coordinates, wider by `WIDER` in variance; z (n, p) are the factor's own coordinates
@@ -21,7 +21,7 @@ def tilt(factor: Factor, samples: Array, z: Array) -> Array:
     shared = factor.shared
     if not len(shared):
         return np.zeros(len(z))
-    h = samples[:, shared]
+    h = samples[..., shared].reshape(-1, len(shared))
     covariance = WIDER * np.atleast_2d(np.cov(h.T))
     covariance[np.diag_indices(len(shared))] *= 1 + 1e-9
     hosts = z[:, np.isin(factor.columns, shared)]

@@ -44,9 +44,11 @@ def held_out(
 ) -> list[HeldOut | None]:
     """Hold out calls of each factor that may be tested by them at samples (n, d) of the posterior; None of others.
 
-    The others are learned from as all of them are: beside samples (m, d) of the ``warm`` copy.
+    The others are learned from as all of them are: beside samples (2, m, d) of the ``warm`` copy. A single
+    factor is tested by fresh calls.
     """
-    chosen = [_chosen(each, samples, rng) if each.is_confirmed else None for each in known]
+    several = len(known) > 1
+    chosen = [_chosen(each, samples, rng) if several and each.is_confirmed else None for each in known]
     works = [
         partial(each.calls.take(~rows).learn, tilt(each.factor, warm, each.calls.z[~rows]))
         for each, rows in zip(known, chosen, strict=True)

@@ -92,7 +92,7 @@ def _together(moving: Array, tests: Sequence[_Test]) -> tuple[Trend, float]:
     measured, by_calls = change_of(moving, total[0]), by_chance(total[1:])
     if len(tests) == 1:
         return Trend(measured, by_calls), by_calls
-    noise = np.sum([test.by_noise for test in tests if test.changes is not None], axis=0)
+    noise = sum(test.by_noise for test in tests if test.changes is not None)
     return Trend(measured, by_chance(total[1:] + noise)), by_calls
 
 
