@@ -111,6 +111,11 @@ class Trend(NamedTuple):
     measured: float
     by_chance: float
 
+    @property
+    def counts(self) -> bool:
+        """Whether it is more than may be, and than chance makes."""
+        return self.measured > max(MOVED, self.by_chance)
+
 
 def fresh_calls(
     emulated: Emulated,
@@ -235,7 +240,7 @@ def certify(
     size, worst = float(squares.mean()), float(squares.mean(axis=0).max())
     if size > SIZE or worst > ONE_SIZE:
         faults.append(f"residuals of its predictions are {np.sqrt(max(size, worst / 2)):.1f} times what noise makes")
-    if trend.measured > max(MOVED, trend.by_chance):
+    if trend.counts:
         faults.append(
             "residuals have a trend along the parameters, which moves one or changes its width by "
             f"{trend.measured:.2f} standard deviations"
@@ -255,7 +260,7 @@ def certify(
             f"{noise_spread:.1f}"
         )
     varies = _noise_varies(emulated, fresh, before, samples, rng)
-    if varies is not None and varies.measured > max(MOVED, varies.by_chance):
+    if varies is not None and varies.counts:
         faults.append(
             "ln L is learned as a whole, and its noise varies over the posterior: its mean and the logarithm of the "
             f"mean likelihood differ by {varies.measured:.2f} standard deviations. Take more particles"
@@ -264,7 +269,7 @@ def certify(
     if blur > BLURRED:
         faults.append(f"its own error changes the width of a parameter by {100 * blur:.0f} %")
     weighed = _weighed(emulated, fresh, predicted, true, rng, chance)
-    if weighed.measured > max(MOVED, weighed.by_chance) and weighed.by_chance < BLIND:
+    if weighed.counts and weighed.by_chance < BLIND:
         faults.append(
             f"true over emulated likelihood moves a mean or a width by {weighed.measured:.2f} standard deviations, "
             f"where noise makes {weighed.by_chance:.2f}"

@@ -21,7 +21,7 @@ import numpy as np
 
 from streamkit import Array, IntArray
 from streamkit.builtin.samplers.emulator.at_once import AtOnce, in_turn
-from streamkit.builtin.samplers.emulator.certificate import MOVED, blur_of
+from streamkit.builtin.samplers.emulator.certificate import Trend, blur_of
 from streamkit.builtin.samplers.emulator.changes import difference, every_so_often, real_change_of, with_axes
 from streamkit.builtin.samplers.emulator.judge.held_out import held_out
 from streamkit.builtin.samplers.emulator.judge.missing import (
@@ -107,7 +107,7 @@ class Progress:
     @property
     def is_refused_together(self) -> bool:
         """Whether each factor was confirmed, and the trend of all is more than chance makes."""
-        return self.trend > max(MOVED, self.trend_by_chance) and all(each.is_confirmed for each in self.known)
+        return Trend(self.trend, self.trend_by_chance).counts and all(each.is_confirmed for each in self.known)
 
 
 class Rounds:
