@@ -7,7 +7,7 @@ import pytest
 from joints import LinearFactors, factors_of
 
 from streamkit.builtin.samplers.emulator.at_once import in_turn
-from streamkit.builtin.samplers.emulator.certificate import MOVED
+from streamkit.builtin.samplers.emulator.certificate import MOVED, trend_of
 from streamkit.builtin.samplers.emulator.judge import together
 from streamkit.builtin.samplers.emulator.judge.held_out import LEAST, PART, held_out
 from streamkit.builtin.samplers.emulator.known import Known
@@ -81,8 +81,8 @@ def test_right_emulators_are_seldom_refused_together_and_wrong_ones_are() -> Non
         known = known_of(target, drawn(target, 600, seed=100 + seed), noise=0.1, seed=seed)
         rng = np.random.default_rng(seed)
         held = held_out(known, samples, samples, in_turn, rng)
-        (measured, by_chance), _ = together.tested_together(known, held, samples, host, 4000, rng)
-        refused.append(measured > max(MOVED, by_chance))
+        trend, _ = together.tested_together(known, held, samples, host, 4000, rng)
+        refused.append(trend.measured > max(MOVED, trend.by_chance))
         assert [len(each.calls) for each in known] == [600, 600, 600]  # no call is made
         assert [each.certificate.held_out for each in known] == [len(each.calls) for each in held]
         # All calls that test are those of a host whose first coordinate is smaller.
@@ -90,12 +90,35 @@ def test_right_emulators_are_seldom_refused_together_and_wrong_ones_are() -> Non
             mean = each.calls.answers.mean + shift * sd * target.host[k][:, 0]
             answers = each.calls.answers._replace(mean=mean)
             held[k] = replace(each, calls=replace(each.calls, answers=answers))
-        (measured, by_chance), faults = together.tested_together(known, held, samples, host, 4000, rng)
-        assert measured > max(MOVED, by_chance)
+        trend, faults = together.tested_together(known, held, samples, host, 4000, rng)
+        assert trend.measured > max(MOVED, trend.by_chance)
         assert "all streams together" in faults[-1]
-        moved.append(measured)
+        moved.append(trend.measured)
     assert sum(refused) <= 2  # 0.4 are expected
     assert np.mean(moved) == pytest.approx(shift, rel=0.2)  # the prior of the host has little to say
+
+
+def test_the_noise_of_the_calls_that_were_learned_from_counts_by_their_number() -> None:
+    """Of a linear model, m calls that test and n that were learned from leave variances of 1 / m and 1 / n."""
+    target = LinearFactors(3, own_of=OWN_OF)
+    samples, learned = drawn(target, 2000, seed=1), drawn(target, 600, seed=2)
+    rng = np.random.default_rng(3)
+    for are_held in (True, False):
+        known = known_of(target, learned, noise=0.1, seed=1)
+        held = held_out(known, samples, samples, in_turn, rng) if are_held else [None] * len(known)
+        trend, _ = together.tested_together(known, held, samples, target.layout.shared, 4000, rng)
+        test = np.mean([each.certificate.calls for each in known])
+        left = len(learned) - (test if are_held else 0)
+        assert trend.by_chance / trend.by_calls == pytest.approx(np.sqrt(1 + test / left), rel=0.1)
+    for each in known:
+        assert each.certificate.trend_by_chance > trend_of_calls(each, samples)
+
+
+def trend_of_calls(each: Known, samples: np.ndarray) -> float:
+    """What chance makes of the calls that test alone."""
+    calls = each.calls.take(np.arange(len(each.calls)) >= len(each.calls) - each.certificate.calls)
+    mine = samples[:, each.factor.columns]
+    return trend_of(each.emulated, calls, mine, np.random.default_rng(1), 1 - together.LEVEL / 3).by_calls
 
 
 @pytest.mark.slow

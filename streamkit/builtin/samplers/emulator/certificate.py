@@ -30,6 +30,8 @@ SIZE, ONE_SIZE = 1.5, 3.0
 MOVED = 0.12
 # Fraction of trends by chance alone that must be smaller for one to count, and how many are tried at least.
 CHANCE, TRIES = 0.95, 40
+# A trend that exceeds this by such a factor is more than chance, whatever more calls would say.
+SURELY = 1.5
 # Largest trend by chance that still tests anything: calls so noisy were certified with a width off by a half.
 BLIND = 0.3
 # Fresh calls at a time, and how often they are made at most: until a trend by chance alone is below `MOVED`, and longer
@@ -104,17 +106,30 @@ class Trend(NamedTuple):
     ----------
     measured
         That of the residuals as they are.
-    by_chance
+    by_calls
         That of residuals in another order, whose trend is chance: the largest in 95 of 100 cases.
+    by_learned
+        The same of the noise of the calls that were learned from, where it counts as chance.
     """
 
     measured: float
-    by_chance: float
+    by_calls: float
+    by_learned: float = 0.0
+
+    @property
+    def by_chance(self) -> float:
+        """The largest that all noise makes in 95 of 100 cases."""
+        return float(np.hypot(self.by_calls, self.by_learned))
 
     @property
     def counts(self) -> bool:
         """Whether it is more than may be, and than chance makes."""
         return self.measured > max(MOVED, self.by_chance)
+
+    @property
+    def counts_surely(self) -> bool:
+        """Whether it is as much more as chance makes in one of some hundred cases."""
+        return self.measured > SURELY * max(MOVED, self.by_chance)
 
 
 def fresh_calls(
@@ -138,7 +153,7 @@ def fresh_calls(
     fresh = called(0)
     trend = trend_of(emulated, fresh, samples, rng, chance)
     for batch in range(1, min(most // FRESH, MOST_BATCHES)):
-        if trend is None or not trend.by_chance > (MOVED if batch < BATCHES else BLIND):
+        if trend is None or not trend.by_calls > (MOVED if batch < BATCHES else BLIND):
             break
         fresh += called(batch)
         trend = trend_of(emulated, fresh, samples, rng, chance)
@@ -245,7 +260,7 @@ def certify(
             "residuals have a trend along the parameters, which moves one or changes its width by "
             f"{trend.measured:.2f} standard deviations"
         )
-    elif trend.by_chance > BLIND:
+    elif trend.by_calls > BLIND:
         faults.append(
             f"calls are too noisy for a test: a mean or a width off by {trend.by_chance:.2f} standard deviations would "
             "not show. " + ("Raise sampler.max_calls" if tried < MOST_BATCHES * FRESH else "Take more particles")
@@ -275,8 +290,8 @@ def certify(
             f"where noise makes {weighed.by_chance:.2f}"
         )
     return Certificate(
-        tried, size, worst, *trend, offset, spread, noise_offset, noise_spread, blur, empty, *weighed,
-        tuple(faults),
+        tried, size, worst, trend.measured, trend.by_chance, offset, spread, noise_offset, noise_spread, blur, empty,
+        weighed.measured, weighed.by_chance, tuple(faults),
     )  # fmt: skip
 
 

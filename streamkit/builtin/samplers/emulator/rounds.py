@@ -67,6 +67,8 @@ PAIRED = 0.5
 CHANGED = 0.15
 # Starts that must lead to all of the posterior, and how many are made for that at most.
 AGREEING, MOST_STARTS = 2, 4
+# Before calls test anything.
+UNKNOWN = Trend(np.nan, np.nan)
 
 
 @dataclass(frozen=True)
@@ -83,8 +85,8 @@ class Progress:
         Samples of it.
     moved, uncertain
         In standard deviations: since two rounds ago, and by the noise of all calls, see `settled`.
-    trend, trend_by_chance
-        What the trends of the fresh calls of all factors would move together; NaN before they are made.
+    trend
+        What the trends of the calls that test all factors would move together; NaN before they are made.
     recall
         What calls find where the emulators know nothing; None before they are made.
     changed
@@ -98,8 +100,7 @@ class Progress:
     populations: Populations
     moved: float
     uncertain: float
-    trend: float = np.nan
-    trend_by_chance: float = np.nan
+    trend: Trend = UNKNOWN
     recall: Recall | None = None
     changed: float = np.nan
     missing: str = ""
@@ -107,7 +108,7 @@ class Progress:
     @property
     def is_refused_together(self) -> bool:
         """Whether each factor was confirmed, and the trend of all is more than chance makes."""
-        return Trend(self.trend, self.trend_by_chance).counts and all(each.is_confirmed for each in self.known)
+        return self.trend.counts and all(each.is_confirmed for each in self.known)
 
 
 class Rounds:
@@ -301,10 +302,10 @@ class Rounds:
             return replace(now, missing=fault)
         samples, rng = every_so_often(tested.samples, 4 * SOME), np.random.default_rng([*seed, 6])
         held = held_out(known, samples, copies[1], self._at_once, rng)
-        (trend, by_chance), faults = tested_together(known, held, samples, self._watched(), max_calls, rng)
+        trend, faults = tested_together(known, held, samples, self._watched(), max_calls, rng)
         beyond = recall(known, now.joint, np.concatenate([*tested.last, *copies[-1]]), [*seed, 7])
         faults += [beyond.fault] if beyond.fault else []
-        now = replace(now, trend=trend, trend_by_chance=by_chance, recall=beyond, missing="; ".join(faults))
+        now = replace(now, trend=trend, recall=beyond, missing="; ".join(faults))
         self._learn(known, copies[1])
         if faults:
             return now

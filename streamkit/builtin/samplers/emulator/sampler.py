@@ -211,11 +211,11 @@ def _verdict(progress: Progress) -> Verdict:
     first, both, found = tested[0], progress.populations, progress.recall
     value = f"true - emulated ln L = {first.offset:+.1f} ± {first.spread:.1f}"
     if several:
-        value = f"their trends move the posterior by {progress.trend:.2f} sd"
+        value = f"their trends move the posterior by {progress.trend.measured:.2f} sd"
     if progress.missing:
         sentence = f"Not certified: {progress.missing}. {more}, or take the sampler emcee."
         return Verdict(subject, "do not use", value, sentence, RULE)
-    shown = max(progress.trend_by_chance, MOVED)
+    shown = max(progress.trend.by_chance, MOVED)
     noise = f"{first.noise_offset:+.1f} ± {first.noise_spread:.1f}"
     confirmed = f"the emulators of {len(tested)} factors, each and together" if several else "the emulator"
     own = f" (of a stream's own parameters {OF_OWN:g} of both at least)" if several else ""
