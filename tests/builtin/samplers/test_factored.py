@@ -77,7 +77,7 @@ def test_fresh_calls_are_made_until_a_fault_of_all_streams_together_would_show(m
 
     monkeypatch.setattr(together, "certify", certified)
     monkeypatch.setattr(certificate, "MOVED", np.inf)  # one trend in twenty is larger than chance says
-    monkeypatch.setattr(together._Test, "by_noise", np.zeros((1, 1000)))  # no fresh call makes that of the other calls less
+    monkeypatch.setattr(together._Test, "by_noise", np.zeros((1, 1000)))  # fresh calls make it no less
     target, rng = LinearFactors(3, own_of=[2, 2, 0]), np.random.default_rng(2)
     learned, samples = np.split(rng.multivariate_normal(*target.answer(), size=6000), [2000])
     known = []
