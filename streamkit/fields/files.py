@@ -46,8 +46,6 @@ class Files:
     expected: Mapping[str, str] = field(default_factory=dict)
     read: dict[str, str] = field(default_factory=dict)  # SHA-256 of the files that have been read
     _contents: dict[str, bytes] = field(default_factory=dict, repr=False)
-    _tables: dict[str, Table] = field(default_factory=dict, repr=False)
-    _plain: dict[str, Table] = field(default_factory=dict, repr=False)
 
     def content(self, name: str) -> bytes:
         """Return the content of a file; ValueError if it cannot be read, or has changed."""
@@ -79,15 +77,15 @@ class Files:
 
     def stated_unit(self, name: str, column: str) -> str:
         """Return the unit that a table states for a column; empty if it states none."""
-        return spelled(self._table(name)[column].unit or "")
+        return spelled(self._tables(name)[0][column].unit or "")
 
     def header(self, name: str) -> dict[str, Any]:
         """Return what a table says of itself beside its columns; ValueError if the file holds none."""
-        return dict(self._table(name).meta)
+        return dict(self._tables(name)[0].meta)
 
     def names(self, name: str) -> list[str]:
         """Return the names of the columns of a table; ValueError if the file holds none."""
-        return list(self._table(name).colnames)
+        return list(self._tables(name)[0].colnames)
 
     def column(
         self, name: str, column: str, unit: Unit, given_unit: Any = None, key: str = "unit", *, gaps: bool = False
@@ -101,14 +99,16 @@ class Files:
         Raises ValueError for a file that holds no table, a column that is missing (names the nearest), has no unit or
         one of another dimension, has no numbers, or lacks some.
         """
-        table = self._table(name)
+        table, plain = self._tables(name)
         if column not in table.colnames:
             names = ", ".join(table.colnames)
             raise ValueError(f"{name!r} has no column {column!r}.{nearest(column, table.colnames)} It has: {names}.")
         values, where = table[column], f"column {column!r} of {name!r}"
         holes = np.zeros(len(table), dtype=bool)
-        for mask in self._masks(name, column):
-            holes |= mask
+        for each in (table, plain):
+            mask = getattr(each[column], "mask", None) if each is not None and column in each.colnames else None
+            if mask is not None:
+                holes |= np.atleast_1d(mask)
         if holes.any() and not gaps:
             hole = int(np.argmax(holes))
             raise ValueError(f"{where}: the value of row {hole + 1} is missing; expected a number in each row")
@@ -117,12 +117,6 @@ class Files:
         with np.errstate(over="ignore"):  # the field says what is too large
             numbers = np.asarray(values, dtype=float) * self._factor(where, values.unit, unit, given_unit, key)
         return np.where(holes, np.nan, numbers) if holes.any() else numbers
-
-    def _masks(self, name: str, column: str) -> list[Any]:
-        """Return masks of missing values. astropy reads a missing value of a quantity that it has written as zero."""
-        tables = [self._tables[name], *([self._plain[name]] if name in self._plain else [])]
-        columns = [table[column] for table in tables if column in table.colnames]
-        return [np.atleast_1d(each.mask) for each in columns if getattr(each, "mask", None) is not None]
 
     @staticmethod
     def _factor(where: str, file_unit: Any, unit: Unit, given_unit: Any, key: str) -> float:
@@ -144,23 +138,20 @@ class Files:
                 + FOREIGN.get((text, unit.name), "")
             ) from None
 
-    def _table(self, name: str) -> Table:
-        if name not in self._tables:
-            suffix = Path(name).suffix.lower()
-            if suffix not in FORMATS:
-                raise ValueError(
-                    f"{name!r}: the suffix says the format and must be one of {', '.join(FORMATS)}; found {suffix!r}"
-                )
-            self._tables[name], plain = _parsed(name, self.content(name))
-            if plain is not None:
-                self._plain[name] = plain
-        return self._tables[name]
+    def _tables(self, name: str) -> tuple[Table, Table | None]:
+        suffix = Path(name).suffix.lower()
+        if suffix not in FORMATS:
+            raise ValueError(
+                f"{name!r}: the suffix says the format and must be one of {', '.join(FORMATS)}; found {suffix!r}"
+            )
+        return _parsed(name, self.content(name))
 
 
 @lru_cache(maxsize=64)
 def _parsed(name: str, raw: bytes) -> tuple[Table, Table | None]:
     """Return a table, and the same without quantities where its header makes some. Nobody changes them.
 
+    Of a quantity that it has written, astropy reads a missing value as zero: the mask is in the plain one alone.
     A run file is read several times by one command, and astropy takes some 20 ms a table.
     """
     from astropy.table import Table  # slow to import, and only tables need it
