@@ -5,8 +5,9 @@
 3. Rounds: each factor that is not known yet is called at places of the posterior and of tempered copies of it, and
    learns from its calls.
 4. Where the posterior has settled, two populations sample it to its end, from independent starts. Fresh calls test each
-   factor there, and the sum of what they would change; other calls look where the emulators know nothing. Of several
-   streams, those that an earlier run has made or a test has confirmed are tested by calls held out of their own.
+   factor there, and the sum of what they would change; other calls look where the emulators know nothing, and beyond
+   all calls. Of several streams, those that an earlier run has made or a test has confirmed are tested by calls held
+   out of their own.
 5. All calls are learned from, and the posterior is sampled anew: what was tested and what is given must agree. Where
    they do not, what would be given is tested.
 """
@@ -23,6 +24,7 @@ from streamkit import Array, IntArray
 from streamkit.builtin.samplers.emulator.at_once import AtOnce, in_turn
 from streamkit.builtin.samplers.emulator.certificate import Trend, blur_of
 from streamkit.builtin.samplers.emulator.changes import difference, every_so_often, real_change_of, with_axes
+from streamkit.builtin.samplers.emulator.judge.extrapolated import extrapolated
 from streamkit.builtin.samplers.emulator.judge.held_out import held_out
 from streamkit.builtin.samplers.emulator.judge.missing import (
     apart,
@@ -303,8 +305,9 @@ class Rounds:
         samples, rng = every_so_often(tested.samples, 4 * SOME), np.random.default_rng([*seed, 6])
         held = held_out(known, samples, copies[1], self._at_once, rng)
         trend, faults = tested_together(known, held, samples, self._watched(), max_calls, rng)
-        beyond = recall(known, now.joint, np.concatenate([*tested.last, *copies[-1]]), [*seed, 7])
-        faults += [beyond.fault] if beyond.fault else []
+        begin = np.concatenate([*tested.last, *copies[-1]])
+        beyond = recall(known, now.joint, begin, [*seed, 7])
+        faults += ([beyond.fault] if beyond.fault else []) + extrapolated(known, now.joint, begin, [*seed, 13])
         now = replace(now, trend=trend, recall=beyond, missing="; ".join(faults))
         self._learn(known, copies[1])
         if faults:
