@@ -1,14 +1,19 @@
 """What the emulator samples: coordinates, slopes, and the search for what it misses."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from emulated import OfToy, called
+from known import KNOWN, OfKnown
 from posteriors import Curved, Wavy
 from scipy.stats import norm
 
+from streamkit.builtin.samplers.emulator.judge.extrapolated import extrapolated
 from streamkit.builtin.samplers.emulator.judge.recall import recall
 from streamkit.builtin.samplers.emulator.known import Known
 from streamkit.builtin.samplers.emulator.learn import from_calls
+from streamkit.builtin.samplers.emulator.learn.calls import Calls
 from streamkit.builtin.samplers.emulator.learn.space import Space
 from streamkit.builtin.samplers.emulator.walk.density import Emulated, Joint, one_factor
 from streamkit.builtin.samplers.monomials import count, differentiated, monomials
@@ -86,6 +91,25 @@ def test_calls_find_what_an_emulator_that_knows_one_side_misses(monkeypatch):
     assert found.calls == len(known.calls) - len(one_side) == 32
     assert found.found > 0.05
     assert "where only the emulator's own error" in found.fault
+
+
+def test_calls_beyond_all_others_say_whether_the_posterior_goes_on_there():
+    """A cubic of a normal number, b = 0.4 a^3 +- 0.4, called at |a| < 1.6: half of the variance of b is at |a| > 2.5."""
+    whole = next(each for each in KNOWN if each.name == "cubic in 4")
+    ends = replace(whole, exists=lambda a: np.abs(a[:, 0]) < 1.7)
+    places = whole.exact(2000)
+    near = places[np.abs(whole.apart(places)[0][:, 0]) < 1.6][:300]
+    for known, goes_on in ((whole, True), (ends, False)):
+        problem = OfKnown(known)
+        calls = Calls.of(problem, Space(problem), near)
+        emulated = Emulated(calls.space, calls.learn(), noise=False)
+        factor = one_factor(problem, problem)
+        each, joint = Known(factor, calls, emulated, [], 0.0), Joint([factor], [emulated])
+        faults = extrapolated([each], joint, calls.z, [1])
+        assert len(each.calls) == 332
+        assert np.abs(known.apart(each.calls.theta[300:])[0][:, 0]).min() > 1.6
+        assert len(faults) == goes_on
+        assert all("goes on where no calls were" in fault for fault in faults)
 
 
 class Symmetric(Curved):

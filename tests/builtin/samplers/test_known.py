@@ -160,6 +160,14 @@ def test_no_target_is_certified_and_wrong(known):
 
 
 @pytest.mark.slow
+def test_thin_ends_beyond_all_calls_are_found():
+    """Of the first seeds, this one had no call at |a| > 2.7 where half of the variance of the others is beyond 2.5."""
+    last, samples = fit(BY_NAME["cubic in 4"], seed=2)
+    assert last.missing == ""
+    assert off(BY_NAME["cubic in 4"], samples)[1] < WIDTH
+
+
+@pytest.mark.slow
 @pytest.mark.timeout(1800)
 def test_a_likelihood_learned_as_a_whole_whose_noise_varies_is_not_certified_and_wrong():
     known = BY_NAME["louder on one side, not stated"]
