@@ -94,7 +94,7 @@ def test_calls_find_what_an_emulator_that_knows_one_side_misses(monkeypatch):
 
 
 def test_calls_beyond_all_others_say_whether_the_posterior_goes_on_there():
-    """A cubic of a normal number, b = 0.4 a^3 +- 0.4, called at |a| < 1.6: half of the variance of b is at |a| > 2.5."""
+    """A cubic of a normal number, b = 0.4 a^3 +- 0.4, called at |a| < 1.6: half of its variance is at |a| > 2.5."""
     whole = next(each for each in KNOWN if each.name == "cubic in 4")
     ends = replace(whole, exists=lambda a: np.abs(a[:, 0]) < 1.7)
     places = whole.exact(2000)
