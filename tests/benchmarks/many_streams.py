@@ -1,11 +1,13 @@
 """How a fit grows with its number of streams: calls, CPU seconds, wall time and memory of the sampler `emulator`.
 
     python tests/benchmarks/many_streams.py [--streams 4 8 16 30] [--workers 1 2] [--profile]
+    python tests/benchmarks/many_streams.py --streams 2 --workers 1 --particles 1000 [--sampler emcee]
 
 The streams are mock streams of clusters on random orbits in one host, with eight points of a track each: the host has
 two free parameters, each stream two of its own. Every row is a fit in a process of its own. Calls are those with all
 particles, of all streams together. Those of the search for starts, with fewer particles, have a column of their own.
 CPU seconds are those of the process that samples, which makes the calls too if there is one worker, and of the workers.
+The second command compares two streams by the emulator with a chain that walks on all of their streams at once.
 
     python tests/benchmarks/many_streams.py --joint [--streams 4 8 16 30]
 
@@ -39,7 +41,7 @@ PRIORS = {"v0": {"uniform": [180.0, 260.0]}, "q": {"uniform": [0.7, 1.1]}}
 ERRORS = {"phi2": 0.2, "distance": 0.5, "pm_phi1_cosphi2": 0.1, "pm_phi2": 0.1}  # deg, kpc, mas/yr
 AT = np.linspace(-7, 7, 8)  # of the track's points, deg from the progenitor
 KICK = 5.0  # km/s, of the priors of a progenitor's velocity
-PARTICLES = 500
+SAMPLERS = {"emulator": {"kind": "emulator"}, "emcee": {"kind": "emcee", "walkers": 16, "steps": 3000}}
 WALKERS, SWEEPS = 128, 8  # of the joint step
 MOST = 30  # orbits that are tried for each stream
 
@@ -51,11 +53,11 @@ def run_file(streams: dict[str, Any]) -> dict[str, Any]:
         "sun": {"r0": R0, "z": 0.0, "v_circ": 220.0},
         "potential": {"kind": "logarithmic_halo", **TRUE},
         "stream": streams,
-        "sampler": {"kind": "emulator"},
+        "sampler": SAMPLERS["emulator"],
     }
 
 
-def mock_streams(count: int, seed: int) -> dict[str, Any]:
+def mock_streams(count: int, seed: int, particles: int) -> dict[str, Any]:
     """Return so many streams, the first ones the same for every number of them.
 
     Raises RuntimeError if too many orbits have no debris along the track.
@@ -63,7 +65,7 @@ def mock_streams(count: int, seed: int) -> dict[str, Any]:
     rng, streams = np.random.default_rng(seed), dict[str, Any]()
     for _ in range(MOST * count):
         name = f"s{len(streams):02d}"
-        stream = one_stream(rng)
+        stream = one_stream(rng, particles)
         spec = sk.load(run_file({name: stream}))
         inputs = spec.bind_all().streams[name]
         try:
@@ -80,7 +82,7 @@ def mock_streams(count: int, seed: int) -> dict[str, Any]:
     raise RuntimeError(f"only {len(streams)} of {MOST * count} orbits have a stream along the whole track")
 
 
-def one_stream(rng: np.random.Generator) -> dict[str, Any]:
+def one_stream(rng: np.random.Generator, particles: int) -> dict[str, Any]:
     """Return a cluster on a random orbit, with a track along the great circle of its motion on the sky."""
     q = rng.normal(size=3)
     q *= rng.uniform(12, 25) / np.linalg.norm(q)
@@ -93,7 +95,7 @@ def one_stream(rng: np.random.Generator) -> dict[str, Any]:
     place = dict(zip(("x", "y", "z", "vx", "vy", "vz"), np.concatenate([q, v]).tolist(), strict=True))
     return {
         "progenitor": {"kind": "plummer", "mass": 2e4, "radius": 0.03, "lookback": 3.0, **place},
-        "stripping": {"kind": "mlcs", "particles": PARTICLES, "sigma": 1.0},
+        "stripping": {"kind": "mlcs", "particles": particles, "sigma": 1.0},
         "observable": {"kind": "track", "kernel": 4.0, "frame": {"pole": pole, "origin": origin}, **blank},
     }
 
@@ -104,20 +106,21 @@ def _icrs(vector: np.ndarray) -> list[float]:
     return [float(seen.ra.deg), float(seen.dec.deg)]
 
 
-def fit(count: int, workers: int, seed: int, profile: bool) -> dict[str, Any]:
+def fit(count: int, workers: int, given: argparse.Namespace) -> dict[str, Any]:
     """Fit so many streams; return a row of the table."""
-    document = run_file(mock_streams(count, seed))
+    document = run_file(mock_streams(count, given.seed, given.particles))
     document["potential"] |= PRIORS
+    document["sampler"] = SAMPLERS[given.sampler]
     spec = sk.load(document)
     sk.Posterior(spec).evaluate(spec.centre())  # compiled before the time begins
     before, begin, profiler = _cpu(), time.monotonic(), cProfile.Profile()
     with tempfile.TemporaryDirectory() as folder:
-        if profile:
+        if given.profile:
             profiler.enable()
         results = sk.run(spec, Path(folder) / "fit", workers=workers, progress=False, products=False)
         profiler.disable()
         wall, after = time.monotonic() - begin, _cpu()
-    if profile:
+    if given.profile:
         pstats.Stats(profiler, stream=sys.stderr).sort_stats("cumulative").print_stats(60)
     v0, q = (results[f"potential.{name}"] for name in TRUE)
     return {
@@ -173,19 +176,22 @@ def main() -> None:
     parser.add_argument("--streams", type=int, nargs="+", default=[4, 8, 16, 30], help="numbers of streams")
     parser.add_argument("--workers", type=int, nargs="+", default=[1, 2], help="numbers of worker processes")
     parser.add_argument("--seed", type=int, default=1, help="of the orbits and of the noise")
+    parser.add_argument("--particles", type=int, default=500, help="of each stream")
+    parser.add_argument("--sampler", choices=SAMPLERS, default="emulator", help="which one")
     parser.add_argument("--profile", action="store_true", help="print the functions that took the most time")
     parser.add_argument("--one", action="store_true", help=argparse.SUPPRESS)  # a row, in a process of its own
     parser.add_argument("--joint", action="store_true", help="the joint step alone, on linear streams")
     given = parser.parse_args()
     if given.one:
         count, workers = given.streams[0], given.workers[0]
-        row = joint(count) if given.joint else fit(count, workers, given.seed, given.profile)
+        row = joint(count) if given.joint else fit(count, workers, given)
         print(json.dumps(row))
         return
     head: tuple[str, ...] = ()
     for count in given.streams:
         for workers in [1] if given.joint else given.workers:
-            own = ["--streams", str(count), "--workers", str(workers), "--seed", str(given.seed)]
+            own = ["--streams", str(count), "--workers", str(workers), "--seed", str(given.seed),
+                   "--particles", str(given.particles), "--sampler", given.sampler]  # fmt: skip
             own += [f"--{name}" for name in ("profile", "joint") if getattr(given, name)]
             command = [sys.executable, __file__, "--one", *own]
             done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True)
