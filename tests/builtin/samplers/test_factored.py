@@ -1,6 +1,5 @@
 """The emulator over factors: calls of each stream alone, against joint posteriors in closed form."""
 
-import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -177,14 +176,16 @@ def test_gaussian_factors(factors: int, own: int, noise: float, most: int) -> No
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("noise", "missing"), [(0.1, ""), (0.3, "the noise of the calls .* most of it that of stream 1, which needs more")]
-)
-def test_streams_in_conflict_are_learned_where_the_joint_posterior_is(noise: float, missing: str) -> None:
+@pytest.mark.parametrize("noise", [0.1, 0.3])
+def test_streams_in_conflict_are_learned_where_the_joint_posterior_is(noise: float) -> None:
     target = LinearFactors(3, own=3, strength=5.0)
     target.data[1] = target.data[1] + target.host[1] @ np.full(4, 3.0)
-    progress, _ = fit(target, noise)  # stream 1 is 15 errors off: noise of a call counts as much more in its ln L
-    assert re.match(missing or "$", progress.missing)
+    progress, _ = fit(target, noise)
+    if noise > 0.1:  # stream 1 is 15 errors off: noise of a call counts as much more in its ln L
+        assert "the noise of the calls" in progress.missing
+        assert "that of stream 1, which needs more particles" in progress.missing
+        return
+    assert progress.missing == ""
     assert_right(target, progress)
 
 
