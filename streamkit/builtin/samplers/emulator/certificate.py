@@ -283,8 +283,8 @@ def certify(
     blur = blur_of(emulated, samples)
     if blur > BLURRED:
         faults.append(f"its own error changes the width of a parameter by {100 * blur:.0f} %")
-    weighed = _weighed(emulated, fresh, predicted, true, rng, chance)
-    if weighed.counts and weighed.by_chance < BLIND:
+    weighed = _weighed(emulated, fresh, predicted, true, rng, chance)._replace(by_learned=trend.by_learned)
+    if weighed.counts and weighed.by_calls < BLIND:
         faults.append(
             f"true over emulated likelihood moves a mean or a width by {weighed.measured:.2f} standard deviations, "
             f"where noise makes {weighed.by_chance:.2f}"
