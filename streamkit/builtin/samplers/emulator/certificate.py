@@ -122,14 +122,19 @@ class Trend(NamedTuple):
         return float(np.hypot(self.by_calls, self.by_learned))
 
     @property
+    def would_show(self) -> float:
+        """What is more than may be, and than chance makes."""
+        return max(MOVED, self.by_chance)
+
+    @property
     def counts(self) -> bool:
-        """Whether it is more than may be, and than chance makes."""
-        return self.measured > max(MOVED, self.by_chance)
+        """Whether it is as much."""
+        return self.measured > self.would_show
 
     @property
     def counts_surely(self) -> bool:
         """Whether it is as much more as chance makes in one of some hundred cases."""
-        return self.measured > SURELY * max(MOVED, self.by_chance)
+        return self.measured > SURELY * self.would_show
 
 
 def fresh_calls(

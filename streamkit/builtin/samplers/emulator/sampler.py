@@ -195,7 +195,6 @@ def _facts_of_factors(progress: Progress) -> dict[str, str]:
 
 def _verdict(progress: Progress) -> Verdict:
     """Return the verdict of the fresh calls; "do not use" too where none were made, or a mode may be missing."""
-    from streamkit.builtin.samplers.emulator.certificate import MOVED
     from streamkit.builtin.samplers.emulator.walk.agreement import OF_OWN
 
     several = len(progress.known) > 1
@@ -215,16 +214,15 @@ def _verdict(progress: Progress) -> Verdict:
     if progress.missing:
         sentence = f"Not certified: {progress.missing}. {more}, or take the sampler emcee."
         return Verdict(subject, "do not use", value, sentence, RULE)
-    shown = max(progress.trend.by_chance, MOVED)
     noise = f"{first.noise_offset:+.1f} ± {first.noise_spread:.1f}"
     confirmed = f"the emulators of {len(tested)} factors, each and together" if several else "the emulator"
     own = f" (of a stream's own parameters {OF_OWN:g} of both at least)" if several else ""
     sentence = (
         f"{_tested_by(tested)} confirm {confirmed}. "
         + ("" if several else f"The noise of the particles alone makes {noise}. ")
-        + f"A mean or a width that is off by {shown:.2f} standard deviations would show; the noise of all calls moves "
-        f"none by more than {progress.uncertain:.2f}, nine times in ten. Two populations agree, R-hat "
-        f"{both.r_hat:.3f}, with {both.independent:.0f} independent samples of walks of "
+        + f"A mean or a width that is off by {progress.trend.would_show:.2f} standard deviations would show; the noise "
+        f"of all calls moves none by more than {progress.uncertain:.2f}, nine times in ten. Two populations agree, "
+        f"R-hat {both.r_hat:.3f}, with {both.independent:.0f} independent samples of walks of "
         f"{both.sweeps / both.time:.0f} autocorrelation times{own}, each width known to "
         f"{100 * both.width_error:.0f} %. {_recalled(found)} {_seen(progress)}{_smallest(progress)}"
     )

@@ -36,8 +36,7 @@ def extrapolated(known: Sequence[Known], joint: Joint, begin: Array, seed: list[
     penalties = further.ln_likelihoods(places) - joint.ln_likelihoods(places)
     for each, emulated, penalty in zip(known, further.emulated, penalties.T, strict=True):
         mine, beyond = places[:, each.factor.columns], np.flatnonzero(penalty > BEYOND)
-        changed = change_of(with_axes(mine), -penalty)
-        if not len(beyond) or changed <= CHANGED:
+        if not len(beyond) or (changed := change_of(with_axes(mine), -penalty)) <= CHANGED:
             continue
         called = Calls.at(each.factor.problem, each.calls.space, mine[rng.permutation(beyond)[:CALLS]])
         each.calls += called
