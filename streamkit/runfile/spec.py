@@ -124,11 +124,15 @@ class Spec(Resolved):
                     f"{self.source}: {name!r} is no free parameter.{fixed or nearest(name, self.names)} "
                     f"Free: {', '.join(self.names) or 'none'}."
                 )
-            try:
-                values[name] = float(self._fields[name][0].parse(value))
-            except (ValueError, TypeError) as error:
-                raise SpecError(f"{self.source}: {name}: {error}") from None
+            values[name] = self.number(name, value)
         return values
+
+    def number(self, name: str, value: Any) -> float:
+        """Return a number or a quantity in the unit of a free parameter; SpecError if it is none."""
+        try:
+            return float(self._fields[name][0].parse(value))
+        except (ValueError, TypeError) as error:
+            raise SpecError(f"{self.source}: {name}: {error}") from None
 
 
 def load(

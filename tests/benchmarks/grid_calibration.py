@@ -18,7 +18,7 @@ from scipy.stats import binom, norm
 
 import streamkit as sk
 from streamkit.sample.calls.comparison import Comparison
-from streamkit.study.calibration.draw import MASS_RADII
+from streamkit.study.calibration import MASS_RADII
 from streamkit.study.calibration.mocks import draw_mock
 
 GRID, FINE = (17, 13), (201, 181)  # places along the parameters: of streams, and of the sums

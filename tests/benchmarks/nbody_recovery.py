@@ -258,7 +258,7 @@ def main() -> None:
             rng = np.random.default_rng([spec.seed, 8, index])
             results, passages = best_fit(varied(data, changes), given.passages, rng)
             draw = rank_truth(results, index, true, spec)
-            masses = in_units_of_truth(results, draw.masses)
+            masses = in_units_of_truth(results, draw.host[: len(MASS_RADII)])
             about = {"index": index, "true_passages": number, "passages": passages, "masses": masses}
             made.append(draw)
             with (folder / MASSES).open("a") as lines:

@@ -1,4 +1,4 @@
-from .draw import MASS_RADII as MASS_RADII
+from .compared import MASS_RADII as MASS_RADII
 from .draw import Draw as Draw
 from .draw import rank_truth as rank_truth
 from .method import SUFFIXES as SUFFIXES

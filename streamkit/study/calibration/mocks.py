@@ -13,12 +13,13 @@ from astropy.table import QTable
 
 from streamkit.components import Measurement
 from streamkit.errors import OutOfDomain, SpecError, StreamkitError
-from streamkit.model import Observation
+from streamkit.model import Model, Observation
 from streamkit.observe import parts_of
 from streamkit.report import DamagedError, origin, save, save_table
 from streamkit.runfile import Spec
 from streamkit.sample import Posterior
 from streamkit.stream import Array, Prediction
+from streamkit.study.calibration.compared import check_truth
 from streamkit.study.grid import ended_before, run_jobs
 
 TRIES = 1000  # largest number of draws for a truth with a measurable stream
@@ -52,24 +53,23 @@ class Mock:
 
 
 def draw_mock(spec: Spec, truth: Spec, index: int) -> tuple[Array, Mock]:
-    """Return the parameters (d,) of a draw, in the run file's units, and mock data of its streams and of its host.
+    """Return the truth's parameters of a draw, in its units, and mock data of its streams and of its host for the fit.
 
-    Raises StreamkitError if none of a thousand truths has a stream, the truth lacks data on the host that the fit has,
-    a measurement makes no mock data, or the noise makes data that a run file may not have.
+    Raises StreamkitError if none of a thousand truths has a stream, the truth lacks data that the fit has, a
+    measurement makes no mock data, or the noise makes data that a run file may not have.
     """
-    if lost := [section.path for name, section in spec.sections.data.items() if name not in truth.sections.data]:
-        raise StreamkitError(f"{truth.source}: has no section {lost[0]}, of which the fit needs mock data")
+    check_truth(spec, truth)
     rng = np.random.default_rng([spec.seed, 7, index])
-    posterior = Posterior(truth.with_values({"seed": int(rng.integers(1 << 31))}))
+    model = Model(truth.with_values({"seed": int(rng.integers(1 << 31))}))
     for _ in range(TRIES):
-        theta = np.array([float(prior.sample(rng, 1)[0]) for prior in spec.priors])
+        theta = np.array([float(prior.sample(rng, 1)[0]) for prior in truth.priors])
         try:
-            observation = posterior.observe(theta)
+            observation = model.observe_all(model.spec.bind_all(theta))
         except OutOfDomain:
             continue
         if any(prediction.why_not for prediction in observation.predictions.values()):
             continue
-        fields = _fields(truth, theta, observation, rng)
+        fields = _fields(spec, truth, theta, observation, rng)
         try:
             mocked = spec.with_values(fields)
         except SpecError as error:
@@ -78,15 +78,18 @@ def draw_mock(spec: Spec, truth: Spec, index: int) -> tuple[Array, Mock]:
     raise StreamkitError(f"draw {index}: none of {TRIES} points of the prior has a stream that can be measured")
 
 
-def _fields(truth: Spec, theta: Array, observation: Observation, rng: np.random.Generator) -> dict[str, Any]:
-    """Return mock data of all measurements at a truth, by the paths of their fields in the run file."""
+def _fields(
+    spec: Spec, truth: Spec, theta: Array, observation: Observation, rng: np.random.Generator
+) -> dict[str, Any]:
+    """Return mock data of all measurements of the fit at a truth, by the paths of their fields in the run file."""
     bound = truth.bind_all(theta)
     fields: dict[str, Any] = {}
-    for stream, inputs in bound.streams.items():
-        sections, parts = truth.sections.streams[stream].observables, parts_of(observation.predictions[stream])
-        for name, observable in inputs.observables.items():
-            fields |= _mock(observable, sections[name].path, parts[name], rng)
-    for name, of_host in bound.data.items():
+    for stream, fitted in spec.sections.streams.items():
+        parts = parts_of(observation.predictions[stream])
+        for name, section in fitted.observables.items():
+            fields |= _mock(bound.streams[stream].observables[name], section.path, parts[name], rng)
+    for name in spec.sections.data:
+        of_host = bound.data[name]
         path = truth.sections.data[name].path
         try:
             fields |= _mock(of_host, path, observation.predictions[f"data.{name}"], rng)
@@ -134,8 +137,9 @@ def write_mocks(
     if not thetas:
         raise ended_before(spec.source, stopped, "the first draw was finished")
     table = QTable({"draw": sorted(thetas)}, meta={**origin(spec), "digest": _digest(spec, truth)})
-    columns = np.array([thetas[index] for index in sorted(thetas)]).T
-    for name, unit, column in zip(spec.names, spec.units, columns, strict=True):
+    drawn = truth or spec
+    columns = np.array([thetas[index] for index in sorted(thetas)]).reshape(len(thetas), -1).T
+    for name, unit, column in zip(drawn.names, drawn.units, columns, strict=True):
         table[name] = column * u.Unit(unit)
     save_table(out / TRUTHS, table)
     return stopped
@@ -159,7 +163,7 @@ def _write(job: tuple[Spec, Spec, int, Path]) -> Array:
 
 
 def read_truths(directory: Path, spec: Spec, truth: Spec | None = None) -> dict[int, Array]:
-    """Return the parameters (d,) of each draw whose mock data `write_mocks` wrote, by its number.
+    """Return the truth's parameters of each draw whose mock data `write_mocks` wrote, by its number.
 
     Raises StreamkitError if the directory has no mock data, or those of another run file.
     """
@@ -169,7 +173,8 @@ def read_truths(directory: Path, spec: Spec, truth: Spec | None = None) -> dict[
     try:
         table = QTable.read(file, format="ascii.ecsv")
         digest = table.meta["digest"]
-        columns = [table["draw"], *(table[name] for name in spec.names)] if digest == _digest(spec, truth) else []
+        names = (truth or spec).names
+        columns = [table["draw"], *(table[name] for name in names)] if digest == _digest(spec, truth) else []
     except Exception as error:  # whatever astropy meets first in a damaged file
         raise DamagedError(f"{file}: is damaged: {error}") from None
     if not columns:

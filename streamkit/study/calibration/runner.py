@@ -15,7 +15,8 @@ import numpy as np
 from streamkit.errors import StreamkitError, brief
 from streamkit.report import UnwritableError, save
 from streamkit.runfile import Source, Spec, as_spec
-from streamkit.stream import Array
+from streamkit.stream import Array, IntArray
+from streamkit.study.calibration.compared import MASS_RADII, check_truth, quantities
 from streamkit.study.calibration.draw import Draw, make_draw, rank_samples
 from streamkit.study.calibration.method import Method, name_of, read_samples
 from streamkit.study.calibration.mocks import read_truths
@@ -29,7 +30,7 @@ class Calibration:
     """The finished draws of a run file, in order. ``stopped`` is the reason of missing draws; empty without any.
 
     ``truth`` is the run file whose streams gave the data, if it differs. ``method`` names another method that gave the
-    samples; empty for our own fits.
+    samples; empty for our own fits. ``radii`` in kpc are those of the enclosed masses.
     """
 
     spec: Spec
@@ -37,17 +38,35 @@ class Calibration:
     stopped: str = ""
     truth: Spec | None = None
     method: str = ""
+    radii: tuple[float, ...] = MASS_RADII
+
+    @cached_property
+    def compared(self) -> IntArray:
+        """(c,) The numbers of the parameters, then of the quantities of the host, that every draw has a rank of."""
+        return np.flatnonzero(np.isfinite(self._every).all(axis=0))
+
+    @cached_property
+    def _every(self) -> Array:
+        return np.array([(*draw.ranks, *draw.host_ranks) for draw in self.draws], dtype=float)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of what is compared: free parameters of the fit, then enclosed masses, velocity and flattening."""
+        every = (*self.spec.names, *quantities(self.radii))
+        return tuple(every[i] for i in self.compared)
 
     @cached_property
     def ranks(self) -> Array:
-        """(n, d + 3) The fraction of the posterior samples below each true parameter, then below each enclosed mass."""
-        return np.array([(*draw.ranks, *draw.mass_ranks) for draw in self.draws])
+        """(n, c) The fraction of the posterior samples below the true value of each of `names`."""
+        return self._every[:, self.compared]
+
+    @property
+    def truths(self) -> Array:
+        """(n, c) The true values of `names`, parameters in the units of the run file, masses in Msun, km/s."""
+        return np.array([(*draw.truth, *draw.host) for draw in self.draws], dtype=float)[:, self.compared]
 
     def coverage(self, probability: float) -> Array:
-        """(d + 3,) The share of the draws whose truth lies in the central interval of this probability.
-
-        Of the parameters, then of the enclosed masses.
-        """
+        """(c,) The share of the draws whose truth lies in the central interval of this probability, of `names`."""
         return np.asarray((np.abs(self.ranks - 0.5) <= 0.5 * probability).mean(axis=0))
 
 
@@ -60,6 +79,7 @@ def calibrate(
     done: Callable[[], object] = lambda: None,
     truth: Spec | None = None,
     method: Method | None = None,
+    radii: Sequence[float] = MASS_RADII,
 ) -> Calibration:
     """Make as many draws as are missing, each a fit of its own.
 
@@ -78,34 +98,39 @@ def calibrate(
     done
         Called after each draw.
     truth
-        Another run file with the same free parameters, whose streams give the data (see `make_draw`).
+        Another run file with the same streams: it gives truths, from its own priors, and their data. Its host may be of
+        another family, and its schemes may be others. Compared are the parameters of the fit that it has too, and the
+        hosts.
     method
         Another method, whose posterior takes the place of our fit: a function of a `Mock` that returns samples (n, d)
         in the order of ``spec.names``, or a mapping of arrays (n,) by name, in the units of the run file.
+    radii
+        Radii in kpc of the enclosed masses that are compared, beside v_c at 8 kpc and the flattening of the potential
+        at 20 kpc.
 
-    Raises StreamkitError if ``out`` holds draws of another run file, or some without ``resume``, if the free parameters
-    of ``truth`` are not those of the fit, or if the samples of the method cannot be used. Raises ComponentError if a
-    component or the method fails.
+    Raises StreamkitError if ``out`` holds draws of another run file, or some without ``resume``, if ``truth`` lacks
+    data of the fit, or if the samples of the method cannot be used. Raises ComponentError if a component or the method
+    fails.
     """
-    spec, out = as_spec(run_file), Path(out)
-    if truth is not None and (truth.names, truth.priors) != (spec.names, spec.priors):
-        raise StreamkitError(f"{spec.source}: {_difference(spec, truth)}")
+    spec, out, radii = as_spec(run_file), Path(out), tuple(radii)
+    if truth is not None:
+        check_truth(spec, truth)
     name = "" if method is None else name_of(method)
     if method is not None and workers > 1:
         _check_portable(method, name)
     file = out / DRAWS
-    earlier = read_draws(file, spec, truth, name) if resume else {}
+    earlier = read_draws(file, spec, truth, name, radii) if resume else {}
     if not resume or not file.exists():
-        _begin(file, _digest(spec, truth, name))
+        _begin(file, _digest(spec, truth, name, radii))
     packed = pickle.dumps((spec, truth))
     for _ in earlier:
         done()
-    jobs = {index: (packed, method, index, file) for index in range(draws) if index not in earlier}
+    jobs = {index: (packed, method, radii, index, file) for index in range(draws) if index not in earlier}
     new, stopped = run_jobs(_work, jobs, workers, done)
     every = {**earlier, **new}
     if not every:
         raise ended_before(spec.source, stopped, "the first draw was finished")
-    return Calibration(spec, tuple(every[index] for index in sorted(every)), stopped, truth, name)
+    return Calibration(spec, tuple(every[index] for index in sorted(every)), stopped, truth, name, radii)
 
 
 def calibrate_samples(
@@ -115,6 +140,7 @@ def calibrate_samples(
     draws: int | None = None,
     done: Callable[[], object] = lambda: None,
     truth: Spec | None = None,
+    radii: Sequence[float] = MASS_RADII,
 ) -> Calibration:
     """Rank the truths among the samples of another method, in the directory that `write_mocks` made.
 
@@ -126,13 +152,13 @@ def calibrate_samples(
     truths = read_truths(directory, spec, truth)
     if draws is not None and draws > len(truths):
         raise StreamkitError(f"{directory}: has mock data of {len(truths)} draws; {draws} are wanted")
-    made, name = [], f"files in {directory.name}"
+    made, name, radii = [], f"files in {directory.name}", tuple(radii)
     for index in sorted(truths)[:draws]:
         samples = read_samples(directory, index, spec)
-        made.append(rank_samples(samples, spec, index, truths[index], spec if truth is None else truth))
+        made.append(rank_samples(samples, spec, index, truths[index], spec if truth is None else truth, radii))
         done()
-    _begin(out / DRAWS, _digest(spec, truth, name), made)
-    return Calibration(spec, tuple(made), "", truth, name)
+    _begin(out / DRAWS, _digest(spec, truth, name, radii), made)
+    return Calibration(spec, tuple(made), "", truth, name, radii)
 
 
 def _begin(file: Path, digest: str, draws: Sequence[Draw] = ()) -> None:
@@ -152,12 +178,14 @@ def _check_portable(method: Method, name: str) -> None:
         ) from None
 
 
-def read_draws(file: Path, spec: Spec, truth: Spec | None = None, method: str = "") -> dict[int, Draw]:
+def read_draws(
+    file: Path, spec: Spec, truth: Spec | None = None, method: str = "", radii: Sequence[float] = MASS_RADII
+) -> dict[int, Draw]:
     """Return the draws in a file by number; incomplete lines, which a kill may leave, are skipped."""
     if not file.exists():
         return {}
     first, *lines = file.read_text(encoding="utf-8", errors="replace").splitlines() or [""]
-    if json.dumps(_digest(spec, truth, method)) not in first:
+    if json.dumps(_digest(spec, truth, method, radii)) not in first:
         raise StreamkitError(
             f"{file}: these draws belong to another run file, to other settings of it, or to another method"
         )
@@ -172,27 +200,16 @@ def read_draws(file: Path, spec: Spec, truth: Spec | None = None, method: str = 
     return draws
 
 
-def _digest(spec: Spec, truth: Spec | None, method: str) -> str:
-    """Return what draws depend on: the run files of the fit and of the truth, and the method if it is not ours."""
+def _digest(spec: Spec, truth: Spec | None, method: str, radii: Sequence[float]) -> str:
+    """Return what draws depend on: the run files of fit and truth, what is compared, and a method that is not ours."""
     parts = [each.digest() for each in (spec, truth) if each is not None]
-    return " ".join([*parts, method] if method else parts)
+    return " ".join([*parts, *quantities(radii), *([method] if method else [])])
 
 
-def _difference(spec: Spec, truth: Spec) -> str:
-    """Name a free parameter that only one of them has, or that has different priors."""
-    priors, others = (dict(zip(each.names, each.priors, strict=True)) for each in (spec, truth))
-    name = next(name for name in (*priors, *others) if priors.get(name) != others.get(name))
-    what = "none" if name not in others else "another prior" if name in priors else "one"
-    return (
-        f"the streams of the truth must have the free parameters of the fit: for {name} they have {what}. Give both "
-        "the same number, with --set or in the run file"
-    )
-
-
-def _work(job: tuple[bytes, Method | None, int, Path]) -> Draw:
-    packed, method, index, file = job
+def _work(job: tuple[bytes, Method | None, tuple[float, ...], int, Path]) -> Draw:
+    packed, method, radii, index, file = job
     spec, truth = pickle.loads(packed)  # noqa: S301  our own, from the process that started this one
-    draw = make_draw(spec, index, truth, method)
+    draw = make_draw(spec, index, truth, method, radii)
     line = f"\n{draw.line()}\n".encode()  # one write; the newline in front ends a line that a kill has cut
     handle = os.open(file, os.O_WRONLY | os.O_APPEND)
     try:

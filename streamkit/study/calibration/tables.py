@@ -12,7 +12,7 @@ from astropy.table import Column, QTable
 from matplotlib.figure import Figure
 
 from streamkit.report import BAND_95, BLUE, GREY, VERMILION, columns, finish, label_all, labels, panel_grid, paragraph
-from streamkit.study.calibration.draw import MASS_RADII
+from streamkit.study.calibration.compared import quantities
 from streamkit.study.calibration.runner import DRAWS, Calibration
 from streamkit.study.grid import Products
 
@@ -20,16 +20,14 @@ PROBABILITIES = (0.5, 0.68, 0.95)  # probabilities of the intervals in the table
 
 
 def draws_table(calibration: Calibration) -> QTable:
-    """Return one row per draw: truth and rank of every parameter and mass, and how far its fit had converged."""
+    """Return one row per draw: truth and rank of all that is compared, and how far its fit had converged."""
     out, draws = QTable(), calibration.draws
     out["draw"] = [draw.index for draw in draws]
-    for i, (name, unit) in enumerate(zip(calibration.spec.names, calibration.spec.units, strict=True)):
-        out[name] = np.array([draw.truth[i] for draw in draws]) * u.Unit(unit)
-        share = "share of the posterior samples below the truth"
-        out[f"{name}_rank"] = Column(calibration.ranks[:, i], description=share)
-    for i, radius in enumerate(MASS_RADII):
-        out[f"mass_{radius:g}"] = np.array([draw.masses[i] for draw in draws]) * u.Msun
-        out[f"mass_{radius:g}_rank"] = [draw.mass_ranks[i] for draw in draws]
+    units = dict(zip(calibration.spec.names, calibration.spec.units, strict=True))
+    units |= {name: unit for name, (unit, _) in quantities(calibration.radii).items()}
+    for name, true, ranks in zip(calibration.names, calibration.truths.T, calibration.ranks.T, strict=True):
+        out[name] = true * u.Unit(units[name])
+        out[f"{name}_rank"] = Column(ranks, description="share of the posterior samples below the truth")
     if calibration.method:
         out["samples"] = [int(draw.ess) for draw in draws]
         return out
@@ -41,11 +39,11 @@ def draws_table(calibration: Calibration) -> QTable:
 
 
 def coverage_table(calibration: Calibration) -> QTable:
-    """Return one row per interval: how often it holds each true parameter and enclosed mass, with its error."""
+    """Return one row per interval: how often it holds the true value of all that is compared, with its error."""
     out, n = QTable(), len(calibration.draws)
     out["probability"] = PROBABILITIES
     shares = np.array([calibration.coverage(p) for p in PROBABILITIES])
-    for i, name in enumerate((*calibration.spec.names, *(f"mass_{radius:g}" for radius in MASS_RADII))):
+    for i, name in enumerate(calibration.names):
         out[name] = shares[:, i]
     out["error"] = np.sqrt(np.multiply(PROBABILITIES, 1 - np.array(PROBABILITIES)) / n)
     out["error"].description = "of a share of so many draws, if the intervals are right"
@@ -59,11 +57,12 @@ def describe_calibration(calibration: Calibration) -> str:
     errors = [f"{p:.0%} +- {np.sqrt(p * (1 - p) / n):.0%}" for p in PROBABILITIES]
     rows.append(("expected", *errors, f"0.50 +- {np.sqrt(1 / 12 / n):.2f}"))
     shares = np.array([calibration.coverage(p) for p in PROBABILITIES]).T
-    names = (*calibration.spec.names, *(f"M(<{r:g} kpc)" for r in MASS_RADII))
-    for name, share, rank in zip(names, shares, calibration.ranks.mean(axis=0), strict=True):
+    for name, share, rank in zip(calibration.names, shares, calibration.ranks.mean(axis=0), strict=True):
         rows.append((name, *(f"{each:.0%}" for each in share), f"{rank:.2f}"))
     shown = f"share of {n} draws whose truth lies in the central interval\n{columns(rows)}"
-    return f"{shown}\n\n{paragraph(_reliability(calibration, converged))}"
+    left_out = set(calibration.spec.names) - set(calibration.names)
+    told = f" Not compared, as the truth lacks them: {', '.join(sorted(left_out))}." if left_out else ""
+    return f"{shown}\n\n{paragraph(_reliability(calibration, converged) + told)}"
 
 
 def _reliability(calibration: Calibration, converged: int) -> str:
@@ -111,10 +110,11 @@ def calibration_figure(calibration: Calibration) -> Figure:
     posterior that is too narrow. The reverse means one that is too wide. A hump alone means a bias (Saeilynoja,
     Buerkner & Vehtari 2022). A mass that is itself a parameter, and has the same ranks, is left out.
     """
-    names = [
+    every = [
         *labels(calibration.spec.names, calibration.spec.symbols),
-        *(rf"$M({r:g}\,{{\rm kpc}})$" for r in MASS_RADII),
+        *(label for _, label in quantities(calibration.radii).values()),
     ]
+    names = [every[i] for i in calibration.compared]
     ranks = calibration.ranks
     shown = [i for i in range(len(names)) if not any(np.array_equal(ranks[:, i], ranks[:, j]) for j in range(i))]
     figure, panels = panel_grid(len(shown), 2.3, 1.9, share=True)

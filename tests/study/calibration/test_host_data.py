@@ -106,3 +106,12 @@ def test_a_truth_without_the_data_is_refused():
     spec = host(sun=NOTHING_LIKE_IT)
     with pytest.raises(sk.StreamkitError, match=r"has no section data\.sun, of which the fit needs mock data"):
         draw_mock(spec, host(curve=CURVE), 0)
+
+
+def test_a_truth_without_free_parameters_gives_data_that_scatter_about_it():
+    spec, n = host(sun=NOTHING_LIKE_IT), 100
+    fixed = spec.with_values({"potential.v0": "180 km/s"})
+    assert not fixed.names
+    data = [draw_mock(spec, fixed, index)[1].values[0] for index in range(n)]
+    assert np.mean(data) == pytest.approx(180.0, abs=3 * 10.0 / n**0.5)
+    assert np.std(data) == pytest.approx(10.0, rel=0.25)

@@ -43,7 +43,7 @@ def test_the_rank_of_an_exact_posterior_is_exact(spec):
     draw = make_draw(spec, 3, method=posterior)
     assert draw.truth == tuple(theta)
     assert draw.ranks[0] == pytest.approx(exact_rank(theta[0], mock.values[0]), abs=0.1)  # 3 sd of 200 samples
-    assert draw.mass_ranks[1] == pytest.approx(draw.ranks[0], abs=0.03)  # the mass rises with v0
+    assert draw.host_ranks[1] == pytest.approx(draw.ranks[0], abs=0.03)  # the mass rises with v0
     assert draw.calls == 0
 
 
