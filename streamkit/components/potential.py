@@ -7,6 +7,7 @@ from abc import abstractmethod
 from functools import cache
 from typing import Any, ClassVar, Literal
 
+import numpy as np
 from pydantic import PrivateAttr
 
 from streamkit import engine, expansion
@@ -43,6 +44,10 @@ class Potential(Changing):
     """False: `acceleration` is called with whole arrays through NumPy, for code that numba cannot compile."""
     evaluation: ClassVar[Literal["exact", "expansion"]] = "exact"
     """Default of the field ``expansion`` of a potential that is not compiled: an expansion, or the potential itself."""
+    linear: ClassVar[str] = ""
+    """The field that the force is proportional to. Where it alone changes, an expansion is not made anew."""
+    vanishes: ClassVar[bool] = False
+    """True for a perturbation, zero at some places: errors of its expansion are relative to its usual force."""
 
     is_spherical: ClassVar[bool] = False  # as a `Spherical` is
 
@@ -210,12 +215,26 @@ class Potential(Changing):
             model = None if other is None or other is self else other.expanded()
             times = self.known_times()
             times = None if times is None or len(times) < 2 else times * GYR
-            if model is None:
+            if model is not None and other is not None and (factor := self._times(other)) is not None:
+                self._expanded = model.scaled(factor)
+            elif model is None:
                 try:
-                    self._expanded = expansion.expand(exact, form, tolerance, times)
+                    self._expanded = expansion.expand(exact, form, tolerance, times, self.vanishes)
                 except expansion.NoExpansion as error:
                     raise StreamkitError(f"{self._place or 'potential'} ({self.kind}): {error}") from None
             else:
                 missed = f"the expansion of the potential {self.kind} misses its tolerance"
-                self._expanded = expansion.expand_like(model, exact, tolerance, missed, times)
+                self._expanded = expansion.expand_like(model, exact, tolerance, missed, times, self.vanishes)
         return self._expanded
+
+    def _times(self, other: Potential) -> float | None:
+        """Return by how much its force is larger than that of the same potential with another `linear` field.
+
+        None if more than this field differs, or the other force is zero.
+        """
+        ours, theirs = self.__dict__, other.__dict__
+        if not self.linear or not theirs[self.linear] or self._others is not other._others:
+            return None
+        pairs = ((value, theirs[name]) for name, value in ours.items() if name != self.linear)
+        alike = all(a is b or (not isinstance(a, np.ndarray) and a == b) for a, b in pairs)
+        return float(ours[self.linear] / theirs[self.linear]) if alike else None

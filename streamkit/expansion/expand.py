@@ -27,6 +27,7 @@ SLOWEST = 0.05  # refinement ends if the error falls with a lower power of the n
 ROUND = 1e-5  # symmetries hold to this fraction of the tolerance
 THICKNESS = (np.inf, 3.0, 0.3)  # scale heights in kpc to try; infinite without a disc
 SOME = 5  # times at which a grid is chosen for a force that changes, of those that it is expanded at
+NEIGHBOURS = 25  # places at about the same radius, if errors are relative to the root mean square of the force there
 CORE = 1.0  # inside this radius in kpc errors are relative to the typical acceleration: it may vanish at the centre
 
 _TODAY = np.zeros(1)
@@ -47,6 +48,10 @@ class Expanded:
     points: int
     times: int = 0  # number of times of a force that changes
 
+    def scaled(self, factor: float) -> Expanded:
+        """Return the expansion of the force times a factor."""
+        return replace(self, force=self.force.scaled(factor))
+
     def text(self) -> str:
         """Describe it in a line."""
         grid = self.grid
@@ -63,12 +68,15 @@ class Expanded:
         )
 
 
-def expand(force: ForceAt, form: Form, tolerance: float, times: Array | None = None) -> Expanded:
+def expand(
+    force: ForceAt, form: Form, tolerance: float, times: Array | None = None, vanishes: bool = False
+) -> Expanded:
     """Expand a force in a form, with the fewest nodes that meet the tolerance at held-out points.
 
-    The tolerance is the largest relative error |da| / |a| from 0.1 to 500 kpc. The form ``auto`` is the simplest that
-    the force's symmetries allow. A force that changes is expanded at increasing ``times`` (n,) in kpc/(km/s), between
-    which it is a cubic spline.
+    The tolerance is the largest relative error |da| / |a| from 0.1 to 500 kpc. If the force ``vanishes`` at some
+    places, errors are relative to its root mean square at about the same radius, if that is larger. The form ``auto``
+    is the simplest that the force's symmetries allow. A force that changes is expanded at increasing ``times`` (n,) in
+    kpc/(km/s), between which it is a cubic spline.
 
     Raises NoExpansion if the force depends on time and there are no times, is not finite somewhere, or `MOST_NODES`
     nodes miss the tolerance.
@@ -80,7 +88,7 @@ def expand(force: ForceAt, form: Form, tolerance: float, times: Array | None = N
             "it changes in time, and has no `known_times` to be expanded at: give since, the earliest time, where the "
             'kind takes it; or set expansion = "none", which is slow'
         )
-    check = _Check(force, HELD_OUT, some)
+    check = _Check(force, HELD_OUT, some, vanishes)
     if not np.isfinite(check.exact).all():
         raise NoExpansion('its force is not finite everywhere from 0.1 to 500 kpc: set expansion = "none"')
     form = _form(symmetry) if form == "auto" else form
@@ -102,7 +110,7 @@ def expand(force: ForceAt, form: Form, tolerance: float, times: Array | None = N
         )
     if times is None or symmetry.static:
         return best
-    whole = _at_all_times(force, best.grid, HELD_OUT, times)
+    whole = _at_all_times(force, best.grid, HELD_OUT, times, vanishes)
     if not whole.error <= tolerance:
         raise NoExpansion(
             f"between its {len(times)} times it misses the tolerance {tolerance:g}: the largest error is "
@@ -111,16 +119,18 @@ def expand(force: ForceAt, form: Form, tolerance: float, times: Array | None = N
     return whole
 
 
-def expand_like(model: Expanded, force: ForceAt, tolerance: float, missed: str, times: Array | None = None) -> Expanded:
+def expand_like(
+    model: Expanded, force: ForceAt, tolerance: float, missed: str, times: Array | None = None, vanishes: bool = False
+) -> Expanded:
     """Expand a force at the nodes of another expansion: it is then a smooth function of the parameters.
 
     Raises OutOfDomain with the sentence ``missed`` where that misses the tolerance.
     """
     try:
         if times is not None and model.times:
-            expanded = _at_all_times(force, model.grid, AGAIN, times)
+            expanded = _at_all_times(force, model.grid, AGAIN, times, vanishes)
         else:
-            expanded = _try(force, model.grid, _Check(force, AGAIN))
+            expanded = _try(force, model.grid, _Check(force, AGAIN, vanishes=vanishes))
     except NoExpansion:
         raise OutOfDomain(missed) from None
     if not expanded.error <= tolerance:
@@ -135,17 +145,18 @@ def _some(times: Array | None) -> Array:
     return np.asarray(times[np.unique(np.linspace(0, len(times) - 1, SOME).astype(int))])
 
 
-def _at_all_times(force: ForceAt, grid: Grid, count: int, times: Array) -> Expanded:
+def _at_all_times(force: ForceAt, grid: Grid, count: int, times: Array, vanishes: bool) -> Expanded:
     """Expand a force at all times, and compare it between them."""
     expansion = expansion_in_time(grid, times, (_at_nodes(force, t, grid) for t in times))
-    check = _Check(force, count, 0.5 * (times[1:] + times[:-1]))
+    check = _Check(force, count, 0.5 * (times[1:] + times[:-1]), vanishes)
     return Expanded(expansion, grid, float(check.errors(expansion).max()), len(check.r), len(times))
 
 
 class _Check:
     """Compares expansions with the force at points between the nodes, in turn at each of the times."""
 
-    def __init__(self, force: ForceAt, count: int, times: Array = _TODAY) -> None:
+    def __init__(self, force: ForceAt, count: int, times: Array = _TODAY, vanishes: bool = False) -> None:
+        self.vanishes = vanishes
         self.q = random_positions(count, np.random.default_rng(count))
         self.times = times[np.arange(count) * len(times) // count]
         self.exact = np.concatenate([force(t, self.q[:, self.times == t]) for t in np.unique(self.times)], axis=1)
@@ -155,6 +166,11 @@ class _Check:
     def size(self) -> Array:
         """(n,) The acceleration that errors are relative to."""
         size = np.sqrt((self.exact**2).sum(axis=0))
+        if self.vanishes:
+            order = np.argsort(self.r)
+            near = np.ones(min(NEIGHBOURS, len(order)))
+            square, count = (np.convolve(a, near, "same") for a in (size[order] ** 2, np.ones(len(order))))
+            size[order] = np.maximum(size[order], np.sqrt(square / count))
         inside = self.r < CORE
         typical = np.median(size[inside]) if inside.any() else 0.0
         return np.asarray(np.maximum(np.where(inside, np.maximum(size, typical), size), 1e-300))

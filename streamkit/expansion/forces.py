@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from functools import cache
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -24,6 +24,12 @@ class Expansion:
 
     def __init__(self, table: Array) -> None:
         self.table = table
+
+    def scaled(self, factor: float) -> Self:
+        """Return the force times a factor: every number behind the head is proportional to it."""
+        table = self.table.copy()
+        table[forms.HEAD :] *= factor
+        return type(self)(table)
 
     @staticmethod
     def acceleration(x: Any, y: Any, z: Any, t: Any, table: Any) -> Any:
@@ -60,7 +66,17 @@ class Expansion:
         return self
 
 
-class SphereInTime(Expansion):
+class InTime(Expansion):
+    """The force of a table that changes in time."""
+
+    def scaled(self, factor: float) -> Self:
+        """Return the force times a factor: the slices are proportional to it."""
+        table = self.table.copy()
+        table[int(table[slices.BODY]) :] *= factor
+        return type(self)(table)
+
+
+class SphereInTime(InTime):
     """The force of a sphere that changes in time, compiled."""
 
     patches = slices.in_time(forms.SPHERE)
@@ -70,7 +86,9 @@ class SphereInTime(Expansion):
 def form_of(orders: tuple[int, ...], sines: bool, bent: bool, in_time: bool = False) -> type[Expansion]:
     """Return the class of expansions that are no spheres; see `forms.patches_of`. Once per process."""
     patches = forms.patches_of(orders, sines, bent)
-    return type("Expansion", (Expansion,), {"patches": slices.in_time(patches) if in_time else patches})
+    if in_time:
+        return type("InTime", (InTime,), {"patches": slices.in_time(patches)})
+    return type("Expansion", (Expansion,), {"patches": patches})
 
 
 def expansion_of(grid: Grid, force: Array) -> Expansion:

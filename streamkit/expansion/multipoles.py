@@ -135,7 +135,8 @@ class _Radial:
     def __init__(self, spline: PPoly, harmonics: list[tuple[int, int]], mean: int) -> None:
         self._spline, self._ends = spline, spline.x[[0, -1]]
         self._values, self._slopes = spline(self._ends), spline(self._ends, 1)
-        power = spline(self._ends[0], 2)[mean] / self._slopes[0, mean]
+        with np.errstate(invalid="ignore"):  # a mean of zero
+            power = spline(self._ends[0], 2)[mean] / self._slopes[0, mean]
         inner = np.full(len(harmonics), min(max(float(np.nan_to_num(power)), 0.1), 2.0))
         self._powers = np.array([inner, [-(n + 1.0) for n, _ in harmonics]])
 

@@ -51,6 +51,7 @@ class CylSpline(Potential):
     kind = "cylspline"
     compiled = False
     evaluation = "expansion"
+    linear = "factor"
     example = {"table": _example()}
     reference = "Vasiliev 2019, MNRAS 482, 1525"
 

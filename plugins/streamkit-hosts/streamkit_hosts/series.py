@@ -20,6 +20,7 @@ INNERMOST = 300  # particles inside the first radius
 CENTRE = 0.01  # kpc: the first radius, down to which the innermost multipoles are continued
 OUTSIDE = 1e-3  # share of the particles outside the last radius
 FEWEST = 10_000  # particles
+PART = 0.1  # largest error of a response in units of itself: it is some per cent of the host's force
 SHRINK, CORE = 0.7, 1000  # of the spheres by which a centre is found, down to so many particles
 
 
@@ -32,15 +33,22 @@ class Series:
     radii: Array  # (k,) in kpc
     l_max: int
     # Median relative change of the force between the first and the last radius, the largest of all snapshots: without
-    # the two highest degrees, and between two halves of the particles over 2, which is the noise of all.
+    # the two highest degrees, and between two halves of the particles over 2, which is the noise of all. Of a response
+    # that of the last snapshot, in units of the response.
     truncation: float
     noise: float
     moved: float  # largest distance in kpc of a centre from the last one
     path: dict[str, list[float]] = field(default_factory=dict)  # the columns of `centre`; none for a host at rest
+    response: bool = False  # whether the table has the degrees from 1 on alone
 
     def warnings(self) -> list[str]:
         """Return a sentence for each reason not to trust the table."""
         said = []
+        if self.response:
+            if self.noise > PART:
+                much = f"their noise is {self.noise:.0%} of the response today"
+                said.append(f"too few particles: {much}. Lower --l-max or --radii")
+            return said
         if self.truncation > max(LIMIT, 2 * self.noise):
             said.append(
                 f"the expansion does not converge: without the degrees above {self.l_max - 2} the force changes by "
@@ -55,7 +63,7 @@ class Series:
 
 def expand(
     files: Sequence[Path], *, types: Sequence[int] = (), l_max: int = 4, radii: int = 25, centred: bool = True,
-    tell: Callable[[str], None] | None = None,
+    response: bool = False, tell: Callable[[str], None] | None = None,
 ) -> Series:  # fmt: skip
     """Return the multipoles of snapshots, of which the last in time is today.
 
@@ -69,6 +77,8 @@ def expand(
         Largest degree, and number of radii, evenly spaced in the logarithm.
     centred
         Take the densest place of each snapshot as its centre; else the origin.
+    response
+        The degrees from 1 on alone, for the kind `response`.
     tell
         Called with a line for each snapshot.
 
@@ -89,7 +99,7 @@ def expand(
         q = snapshot.q - centre[:, None]
         shells = shells if len(shells) else _radii(q, radii)
         phi = of_particles(q, snapshot.mass, shells, l_max)
-        errors.append(_errors(q, snapshot.mass, shells, phi, l_max))
+        errors.append(_errors(q, snapshot.mass, shells, phi, l_max, int(response)))
         whole, phi = inwards(phi, shells, l_max, CENTRE)
         parts.append(phi)
         times.append(snapshot.time)
@@ -101,12 +111,13 @@ def expand(
     if (same := np.flatnonzero(np.diff(now) <= 0)).size:
         first, second = (files[order[same[0] + k]] for k in (0, 1))
         raise StreamkitError(f"{first} and {second} have the same time, {now[same[0]]:.4g} Gyr: give one of them")
-    truncation, noise = np.max(errors, axis=0)
+    truncation, noise = errors[order[-1]] if response else np.max(errors, axis=0)
     in_order = np.array(centres)[order]
     moved = moved_by(in_order)
-    table = table_of(now - now[-1], whole, names(l_max), np.array(parts)[order])
+    kept = slice(int(response), None)  # of the harmonics, of which the mean is the first
+    table = table_of(now - now[-1], whole, names(l_max)[kept], np.array(parts)[order][:, kept])
     path = path_of(now - now[-1], in_order) if moved > shells[0] else {}
-    return Series(table, now - now[-1], shells, l_max, float(truncation), float(noise), moved, path)
+    return Series(table, now - now[-1], shells, l_max, float(truncation), float(noise), moved, path, response)
 
 
 def densest(snapshot: Particles) -> Array:
@@ -129,11 +140,13 @@ def _radii(q: Array, count: int) -> Array:
     return np.geomspace(r[INNERMOST], r[int((1 - OUTSIDE) * (len(r) - 1))], count)
 
 
-def _errors(q: Array, mass: Array, radii: Array, phi: Array, l_max: int) -> tuple[float, float]:
-    """Truncation and noise of one snapshot, see `Series`."""
+def _errors(q: Array, mass: Array, radii: Array, phi: Array, l_max: int, first: int) -> tuple[float, float]:
+    """Truncation and noise of one snapshot, see `Series`; of the harmonics from number ``first`` on."""
     place = places(radii[0], radii[-1], seed=len(mass))
     lower = phi.copy()
     lower[[n > max(l_max - 2, 0) for n, _ in names(l_max)]] = 0.0
     halves = [of_particles(q[:, k::2], 2 * mass[k::2], radii, l_max) for k in (0, 1)]
-    whole, low, one, other = (force_of(each, radii, names(l_max), place) for each in (phi, lower, *halves))
+    every = np.stack([phi, lower, *halves])
+    every[:, :first] = 0.0
+    whole, low, one, other = (force_of(each, radii, names(l_max), place) for each in every)
     return median_change(whole, low, whole), median_change(one, other, whole) / 2

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Annotated, Any
 
 import numpy as np
@@ -37,6 +38,7 @@ class Multipole(Potential):
     kind = "multipole"
     compiled = False
     evaluation = "expansion"
+    linear = "factor"
     example = {"table": _example()}
     reference = "Binney & Tremaine 2008, eq. 2.95"
 
@@ -78,6 +80,7 @@ class Multipole(Potential):
         return factor * multipoles.potential(c * x + s * y, c * y - s * x, z, t)
 
 
+@lru_cache(maxsize=8)  # a table is validated and prepared in every call of a fit
 def _multipoles(table: Table) -> Multipoles:
     times = table["t"] * GYR if "t" in table else None
     return Multipoles(table["l"], table["m"], table["r"], table["phi"], times)
