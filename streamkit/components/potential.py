@@ -134,6 +134,10 @@ class Potential(Changing):
         """
         return None
 
+    def known_order(self) -> int | None:
+        """Return the largest order m of the harmonics of the azimuth: an expansion has no others. Optional."""
+        return None
+
     _prepared: tuple[int, tuple[Any, ...]] = PrivateAttr((0, ()))
 
     def in_engine_units(self) -> tuple[Any, ...]:
@@ -219,7 +223,7 @@ class Potential(Changing):
                 self._expanded = model.scaled(factor)
             elif model is None:
                 try:
-                    self._expanded = expansion.expand(exact, form, tolerance, times, self.vanishes)
+                    self._expanded = expansion.expand(exact, form, tolerance, times, self.vanishes, self.known_order())
                 except expansion.NoExpansion as error:
                     raise StreamkitError(f"{self._place or 'potential'} ({self.kind}): {error}") from None
             else:
@@ -228,13 +232,9 @@ class Potential(Changing):
         return self._expanded
 
     def _times(self, other: Potential) -> float | None:
-        """Return by how much its force is larger than that of the same potential with another `linear` field.
-
-        None if more than this field differs, or the other force is zero.
-        """
+        """Return its force over that of the same potential with another `linear` field; None if it is not the same."""
         ours, theirs = self.__dict__, other.__dict__
-        if not self.linear or not theirs[self.linear] or self._others is not other._others:
-            return None
         pairs = ((value, theirs[name]) for name, value in ours.items() if name != self.linear)
         alike = all(a is b or (not isinstance(a, np.ndarray) and a == b) for a, b in pairs)
-        return float(ours[self.linear] / theirs[self.linear]) if alike else None
+        known = alike and self.linear and theirs[self.linear] and self._others is other._others
+        return float(ours[self.linear] / theirs[self.linear]) if known else None

@@ -69,14 +69,19 @@ class Expanded:
 
 
 def expand(
-    force: ForceAt, form: Form, tolerance: float, times: Array | None = None, vanishes: bool = False
+    force: ForceAt,
+    form: Form,
+    tolerance: float,
+    times: Array | None = None,
+    vanishes: bool = False,
+    order: int | None = None,
 ) -> Expanded:
     """Expand a force in a form, with the fewest nodes that meet the tolerance at held-out points.
 
     The tolerance is the largest relative error |da| / |a| from 0.1 to 500 kpc. If the force ``vanishes`` at some
     places, errors are relative to its root mean square at about the same radius, if that is larger. The form ``auto``
     is the simplest that the force's symmetries allow. A force that changes is expanded at increasing ``times`` (n,) in
-    kpc/(km/s), between which it is a cubic spline.
+    kpc/(km/s), between which it is a cubic spline. A known ``order`` is the largest m of the harmonics.
 
     Raises NoExpansion if the force depends on time and there are no times, is not finite somewhere, or `MOST_NODES`
     nodes miss the tolerance.
@@ -92,10 +97,11 @@ def expand(
     if not np.isfinite(check.exact).all():
         raise NoExpansion('its force is not finite everywhere from 0.1 to 500 kpc: set expansion = "none"')
     form = _form(symmetry) if form == "auto" else form
-    tried = [_try(force, grid, check) for grid in _starts(form, symmetry)]
+    tried = [_try(force, _with_order(grid, order), check) for grid in _starts(form, symmetry)]
     best = min(tried, key=lambda expanded: expanded.error)
     while best.error > MARGIN * tolerance:
-        finer = [grid for grid in _finer(best.grid) if grid.nodes <= MOST_NODES]
+        grids = dict.fromkeys(_with_order(grid, order) for grid in _finer(best.grid))
+        finer = [grid for grid in grids if best.grid.nodes < grid.nodes <= MOST_NODES]
         gains = [(_gain(best, expanded), expanded) for expanded in (_try(force, grid, check) for grid in finer)]
         gain, better = max(gains, key=lambda pair: pair[0], default=(0.0, best))
         if gain < SLOWEST:
@@ -222,6 +228,14 @@ def _starts(form: Form, symmetry: Symmetry) -> list[Grid]:
     step, sines = 2 if symmetry.half_turn else 1, not symmetry.sideways
     angles = (6 if sines else 4) * (1 if step == 2 else 2)
     return [replace(grid, angles=angles, step=step, sines=sines) for grid in flat]
+
+
+def _with_order(grid: Grid, order: int | None) -> Grid:
+    """Return the grid with as many azimuths as harmonics up to a known order need."""
+    if order is None or grid.angles == 1:
+        return grid
+    most = order // grid.step
+    return replace(grid, angles=2 * most + 2 if grid.sines else most + 2)
 
 
 def _finer(grid: Grid) -> list[Grid]:

@@ -178,7 +178,10 @@ def stream_in(model: sk.Model, rng: np.random.Generator) -> dict[str, Any]:
     """Return the sections of a stream as it is fitted, with mock data wherever it has stars."""
     for _ in range(TRIES):
         place = place_today(rng, model.spec.document["sun"])
-        stream = model.stream({f"progenitor.{name}": value for name, value in place.items()})
+        try:
+            stream = model.stream({f"progenitor.{name}": value for name, value in place.items()})
+        except sk.OutOfDomain:  # no tidal radius somewhere on the orbit
+            continue
         everywhere = stream.seen("icrs")
         centre, stars = (coord.SkyCoord(*a, unit="deg") for a in ((place["ra"], place["dec"]), everywhere[:2]))
         near = stars.separation(centre).deg < REACH
@@ -221,7 +224,7 @@ def sky(out: Path, model: sk.Model, index: int) -> dict[str, sk.Spec]:
     cloud = {"kind": "hernquist", "mass": {"log_uniform": [3e10, 5e11]}, "a": CLOUD["a"]}
     cloud |= dict(zip(("x", "y", "z", "vx", "vy", "vz"), today["lmc_q"] + today["lmc_v"], strict=True))
     rest = {"sun": model.spec.document["sun"], "body": {"lmc": cloud}, "stream": streams, "seed": index}
-    rest |= {"sampler": {"kind": "emulator", "max_calls": 2500}}
+    rest |= {"sampler": {"kind": "emulator", "max_calls": 800}}
     hosts = {"rigid": {"halo": rigid}, "response": {"halo": rigid, "response": response}}
     return {name: sk.load({**rest, "potential": host}) for name, host in hosts.items()}
 

@@ -56,6 +56,10 @@ class Response(Potential):
         """Return the times in the table."""
         return np.unique(self.table["t"]) if "t" in self.table else None
 
+    def known_order(self) -> int:
+        """Return the largest m in the table."""
+        return int(np.abs(self.table["m"]).max())
+
     @staticmethod
     def prepare(table: Table) -> dict[str, Multipoles]:
         """Return the splines."""
