@@ -17,6 +17,7 @@ from __future__ import annotations
 import argparse
 import json
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -53,6 +54,7 @@ ERRORS = {
 POINTS, REACH = 8, 45.0  # longitudes with data, within so many degrees of the progenitor
 SHORTEST, TRIES = 25.0, 100  # degrees of a stream, and orbits that are tried for one
 RADII = (20.0, 50.0)
+HOSTS = ("rigid", "response", "rigid, path", "response, path")
 
 
 def simulate(out: Path, particles: int) -> None:
@@ -213,31 +215,40 @@ def stream_in(model: sk.Model, rng: np.random.Generator) -> dict[str, Any]:
 
 
 def sky(out: Path, model: sk.Model, index: int) -> dict[str, sk.Spec]:
-    """Return the two fits of a mock sky: of rigid hosts, and with the response."""
+    """Return the fits of a mock sky: of rigid hosts and with the response, with a path of the Cloud or integrated."""
     today = json.loads((out / "today.json").read_text())
     rng = np.random.default_rng([11, index])
     streams = {name: stream_in(model, rng) for name in "ab"}
-    rigid = {"kind": "nfw_triaxial", "mass": {"log_uniform": [2e11, 2e12]}, "rs": {"log_uniform": [5, 40]},
-             "q": {"uniform": [0.7, 1.3]}}  # fmt: skip
+    halo: dict[str, Any] = {"kind": "nfw_triaxial", "mass": {"log_uniform": [2e11, 2e12]},
+                            "rs": {"log_uniform": [5, 40]}, "q": {"uniform": [0.7, 1.3]}}  # fmt: skip
     response = {"kind": "response", "table": str(out / "response.ecsv"), "amplitude": {"uniform": [-1, 3]},
                 "tolerance": 5e-2}  # fmt: skip
     cloud = {"kind": "hernquist", "mass": {"log_uniform": [3e10, 5e11]}, "a": CLOUD["a"]}
-    cloud |= dict(zip(("x", "y", "z", "vx", "vy", "vz"), today["lmc_q"] + today["lmc_v"], strict=True))
-    rest = {"sun": model.spec.document["sun"], "body": {"lmc": cloud}, "stream": streams, "seed": index}
+    place = dict(zip(("x", "y", "z", "vx", "vy", "vz"), today["lmc_q"] + today["lmc_v"], strict=True))
+    rest = {"sun": model.spec.document["sun"], "stream": streams, "seed": index}
     rest |= {"sampler": {"kind": "emulator", "max_calls": 800}}
-    hosts = {"rigid": {"halo": rigid}, "response": {"halo": rigid, "response": response}}
-    return {name: sk.load({**rest, "potential": host}) for name, host in hosts.items()}
+    mw, lmc = ({"centre": str(out / f"{name}_centre.ecsv")} for name in ("mw", "lmc"))
+    integrated, given = rest | {"body": {"lmc": cloud | place}}, {"cloud": cloud | lmc}
+    return {
+        name: sk.load(document)
+        for name, document in {
+            "rigid": integrated | {"potential": {"halo": halo}},
+            "response": integrated | {"potential": {"halo": halo, "response": response}},
+            "rigid, path": rest | {"potential": {"halo": halo | mw, **given}},
+            "response, path": rest | {"potential": {"halo": halo | mw, "response": response | mw, **given}},
+        }.items()
+    }
 
 
-def fit(out: Path, indices: range) -> None:
+def fit(out: Path, indices: range, wanted: Sequence[str]) -> None:
     """Fit the skies that have no result, and write a line for each fit."""
     file = out / "fits.jsonl"
     done = [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
     finished = {(row["sky"], row["host"]) for row in done}
     model = sk.Model(truth_of(out))
-    for index in [i for i in indices if not {(i, name) for name in ("rigid", "response")} <= finished]:
+    for index in [i for i in indices if not {(i, name) for name in HOSTS} <= finished]:
         for name, spec in sky(out, model, index).items():
-            if (index, name) in finished:
+            if (index, name) in finished or name not in wanted:
                 continue
             begin = time.process_time()
             results = sk.run(spec, progress=False)
@@ -249,12 +260,15 @@ def fit(out: Path, indices: range) -> None:
 
 def summary(results: sk.Results) -> dict[str, Any]:
     """Return the quantiles of what is compared, the calls, and what the sampler lacks for its certificate."""
-    hosts = [sk.Host(results.spec.host(theta)) for theta in results.some(1000)]
+    parts = [results.spec.host(theta) for theta in results.some(1000)]
+    hosts = [sk.Host({name: part for name, part in each.items() if name != "cloud"}) for each in parts]
     height = np.array([20.0 / np.sqrt(2)])
-    numbers = {f"M{r:g}": m for r, m in zip(RADII, results.profiles(np.array(RADII))[0].T, strict=True)}
+    masses = np.array([one.mass_inside(np.array(RADII)) for one in hosts])
+    numbers = {f"M{r:g}": m for r, m in zip(RADII, masses.T, strict=True)}
     numbers["q"] = np.array([one.flattening(height, height)[0] for one in hosts])
     columns = dict(zip(results.spec.names, results.samples.T, strict=True))
-    numbers["cloud"] = columns["body.lmc.mass"] * (INSIDE / (INSIDE + CLOUD["a"])) ** 2
+    of_cloud = columns["body.lmc.mass" if "body.lmc.mass" in columns else "potential.cloud.mass"]
+    numbers["cloud"] = of_cloud * (INSIDE / (INSIDE + CLOUD["a"])) ** 2
     if "potential.response.amplitude" in columns:
         numbers["amplitude"] = columns["potential.response.amplitude"]
     quantiles = {name: np.quantile(x, [0.025, 0.16, 0.5, 0.84, 0.975]).tolist() for name, x in numbers.items()}
@@ -267,7 +281,7 @@ def table(out: Path) -> str:
     true = {"M20": today["mw"][0], "M50": today["mw"][1], "q": 1.0, "cloud": today["lmc"][2], "amplitude": 1.0}
     rows = [json.loads(line) for line in (out / "fits.jsonl").read_text().splitlines()]
     lines = []
-    for name in ("rigid", "response"):
+    for name in HOSTS:
         ours = [row for row in rows if row["host"] == name]
         lines.append(f"{name}: {sum(not row['lacks'] for row in ours)} of {len(ours)} certified")
         for number, value in true.items():
@@ -292,6 +306,7 @@ def main() -> None:
     parser.add_argument("--particles", type=int, default=100_000)
     parser.add_argument("--skies", type=int, default=12)
     parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--hosts", nargs="+", choices=HOSTS, default=HOSTS)
     given = parser.parse_args()
     out = given.output.absolute()
     out.mkdir(parents=True, exist_ok=True)
@@ -300,7 +315,7 @@ def main() -> None:
     if given.what in ("simulate", "host"):
         host(out)
     if given.what == "fit":
-        fit(out, range(given.first, given.first + given.skies))
+        fit(out, range(given.first, given.first + given.skies), given.hosts)
     if given.what == "table":
         print(table(out))
 

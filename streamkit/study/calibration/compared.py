@@ -75,12 +75,8 @@ def _value(spec: Spec, truth: Spec, drawn: Mapping[str, tuple[float, str]], name
 
 
 def check_truth(spec: Spec, truth: Spec) -> None:
-    """Raise StreamkitError if the truth lacks a stream, an observable or data on the host that the fit has."""
-    ours, theirs = (
-        [section.path for stream in one.sections.streams.values() for section in stream.observables.values()]
-        + [section.path for section in one.sections.data.values()]
-        for one in (spec, truth)
-    )
+    """Raise StreamkitError if the truth lacks an observable or data on the host that the fit has, or has other ones."""
+    ours, theirs = (_measured(one) for one in (spec, truth))
     if (
         not any(name.startswith("potential.") for name in spec.names)
         and not np.isfinite(true_parameters(spec, truth, truth.centre())).any()
@@ -90,3 +86,14 @@ def check_truth(spec: Spec, truth: Spec) -> None:
         raise StreamkitError(
             f"{truth.source}: has no section {lost[0]}, of which the fit needs mock data; found {', '.join(theirs)}"
         )
+    if other := [path for path, kind in ours.items() if theirs[path] != kind]:
+        raise StreamkitError(
+            f"{truth.source}: {other[0]} is of the kind {theirs[other[0]]!r}, and that of the fit {ours[other[0]]!r}"
+        )
+
+
+def _measured(spec: Spec) -> dict[str, str]:
+    """Return the kinds of the observables and of the data on the host, by their paths."""
+    observables = [each for stream in spec.sections.streams.values() for each in stream.observables.values()]
+    of_host = {each.path: each.cls.kind for each in spec.sections.data.values()}
+    return {each.path: each.cls.kind for each in observables} | of_host

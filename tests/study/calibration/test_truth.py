@@ -104,6 +104,14 @@ def test_a_truth_that_cannot_be_compared_is_refused(spec, tmp_path, change, text
         calibrate(spec, tmp_path, 1, truth=truth)
 
 
+def test_data_of_another_kind_are_refused(spec, tmp_path):
+    apocentres = {"kind": "apocentres", "leading": ["40 kpc", "1 kpc"]}
+    truth = sk.load({**spec.document, "observable": apocentres})
+    with pytest.raises(sk.StreamkitError, match="observable is of the kind 'apocentres', and that of the fit 'itself'"):
+        calibrate(spec, tmp_path, 1, truth=truth)
+    assert not list(tmp_path.iterdir())
+
+
 def test_mock_data_for_another_method_keep_the_truth_of_their_own_host(spec, halo, tmp_path):
     assert not write_mocks(spec, tmp_path, 2, truth=halo)
     truths = read_truths(tmp_path, spec, halo)
