@@ -36,7 +36,7 @@ class Response(Potential):
     vanishes = True
     linear = "amplitude"
     example = {"table": _example()}
-    reference = "Weinberg 1989, MNRAS 239, 549; Garavito-Camargo et al. 2021, ApJ 919, 109; Lilleengen et al. 2023"
+    reference = "Weinberg 1989, MNRAS 239, 549"
 
     table: Annotated[Table, Columns(l="", m="", r="kpc", phi="km2/s2").optional(t="Gyr")] = Field(
         description="Phi_lm(r): columns l, m, r and phi, with every pair of l and m at the same four radii or more, "
