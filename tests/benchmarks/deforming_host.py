@@ -5,11 +5,12 @@
     python tests/benchmarks/deforming_host.py table -o DIR
 
 `simulate` follows a halo of 100 000 particles and a satellite like the Large Magellanic Cloud by the tree of
-streamkit-nbody, and expands both by streamkit-hosts: `truth.toml` is that host, `response.ecsv` its dipole and
-quadrupole. Each sky has two streams on orbits drawn anew, made in that host, with errors of 0.2 deg, 5 % in distance,
-0.1 mas/yr and 5 km/s at eight longitudes. Fitted are a flattened NFW halo, the satellite's mass and four numbers of
-each progenitor, by the sampler `emulator`, without and with the amplitude of the response. The table has the shift of
-the masses, the shape and the satellite's mass in standard deviations of each fit.
+streamkit-nbody, and expands both by streamkit-hosts: `response.ecsv` is the halo's dipole and quadrupole. Each sky has
+two streams on orbits drawn anew, made in that host, with errors of 0.2 deg, 5 % in distance, 0.1 mas/yr and 5 km/s at
+eight longitudes. Fitted are a flattened NFW halo, the satellite's mass and four numbers of each progenitor, by the
+sampler `emulator`, in four hosts (`--hosts`): without and with the amplitude of the response, each with the path of the
+satellite integrated from today, or the true one ("path"). The table has the shift of the masses, the shape and the
+satellite's mass in standard deviations of each fit.
 """
 
 from __future__ import annotations
