@@ -25,10 +25,15 @@ class Expansion:
     def __init__(self, table: Array) -> None:
         self.table = table
 
+    @property
+    def body(self) -> int:
+        """Where the numbers of the table begin that are proportional to the force."""
+        return forms.HEAD
+
     def scaled(self, factor: float) -> Self:
-        """Return the force times a factor: every number behind the head is proportional to it."""
+        """Return the force times a factor."""
         table = self.table.copy()
-        table[forms.HEAD :] *= factor
+        table[self.body :] *= factor
         return type(self)(table)
 
     @staticmethod
@@ -69,11 +74,10 @@ class Expansion:
 class InTime(Expansion):
     """The force of a table that changes in time."""
 
-    def scaled(self, factor: float) -> Self:
-        """Return the force times a factor: the slices are proportional to it."""
-        table = self.table.copy()
-        table[int(table[slices.BODY]) :] *= factor
-        return type(self)(table)
+    @property
+    def body(self) -> int:
+        """Where the slices begin."""
+        return int(self.table[slices.BODY])
 
 
 class SphereInTime(InTime):
@@ -86,9 +90,8 @@ class SphereInTime(InTime):
 def form_of(orders: tuple[int, ...], sines: bool, bent: bool, in_time: bool = False) -> type[Expansion]:
     """Return the class of expansions that are no spheres; see `forms.patches_of`. Once per process."""
     patches = forms.patches_of(orders, sines, bent)
-    if in_time:
-        return type("InTime", (InTime,), {"patches": slices.in_time(patches)})
-    return type("Expansion", (Expansion,), {"patches": patches})
+    base = InTime if in_time else Expansion
+    return type("Expansion", (base,), {"patches": slices.in_time(patches) if in_time else patches})
 
 
 def expansion_of(grid: Grid, force: Array) -> Expansion:

@@ -83,15 +83,10 @@ def _multipoles(table: Table) -> Multipoles:
         raise ValueError("found rows with l = 0, the mean potential, which is that of the rigid host; expected l > 0")
     times = np.unique(table["t"]) if "t" in table else np.zeros(1)
     radii = np.unique(table["r"])
-    columns = {
-        "l": np.zeros(len(radii) * len(times)),
-        "m": np.zeros(len(radii) * len(times)),
-        "r": np.tile(radii, len(times)),
-        "phi": np.zeros(len(radii) * len(times)),
-        "t": np.repeat(times, len(radii)),
-    }
-    n, m, r, phi = (np.concatenate([columns[name], table[name]]) for name in ("l", "m", "r", "phi"))
-    known = np.concatenate([columns["t"], table["t"]]) * GYR if "t" in table else None
+    zeros = np.zeros(len(radii) * len(times))
+    n, m, phi = (np.concatenate([zeros, table[name]]) for name in ("l", "m", "phi"))
+    r = np.concatenate([np.tile(radii, len(times)), table["r"]])
+    known = np.concatenate([np.repeat(times, len(radii)), table["t"]]) * GYR if "t" in table else None
     return Multipoles(n, m, r, phi, known)
 
 
