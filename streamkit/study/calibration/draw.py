@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 from pydantic import TypeAdapter
 
+from streamkit.components import FINE
 from streamkit.errors import blamed
 from streamkit.fit import Results, run
 from streamkit.model import Host
@@ -39,6 +40,7 @@ class Draw:
     ess: float
     calls: int  # number of computed streams; 0 for another method
     converged: bool  # whether the rule of its sampler was met; another method has none
+    said: tuple[tuple[str, str], ...] = ()  # subject and level of each check of the fit's page that is not "fine"
 
     def line(self) -> str:
         """Return it as a line of JSON."""
@@ -86,7 +88,9 @@ def rank_truth(results: Results, index: int, theta: Array, truth: Spec, radii: S
         results.calls + results.search_calls,
         not results.draws.lacks,
     )
-    return _ranked(results.samples, results.some(OURS), results.spec, index, theta, truth, radii, quality)
+    said = tuple((each.subject, each.level) for each in results.verdicts if each.level != FINE)
+    ranked = _ranked(results.samples, results.some(OURS), results.spec, index, theta, truth, radii, quality)
+    return replace(ranked, said=said)
 
 
 def rank_samples(

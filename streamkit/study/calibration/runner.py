@@ -15,7 +15,7 @@ import numpy as np
 from streamkit.errors import StreamkitError, brief
 from streamkit.report import UnwritableError, save
 from streamkit.runfile import Source, Spec, as_spec
-from streamkit.stream import Array, IntArray
+from streamkit.stream import Array, BoolArray, IntArray
 from streamkit.study.calibration.compared import MASS_RADII, check_truth, quantities
 from streamkit.study.calibration.draw import Draw, make_draw, rank_samples
 from streamkit.study.calibration.method import Method, name_of, read_samples
@@ -68,6 +68,20 @@ class Calibration:
     def coverage(self, probability: float) -> Array:
         """(c,) The share of the draws whose truth lies in the central interval of this probability, of `names`."""
         return np.asarray((np.abs(self.ranks - 0.5) <= 0.5 * probability).mean(axis=0))
+
+    @cached_property
+    def missed(self) -> BoolArray:
+        """(n,) Whether a true value lies outside its interval, which together hold all in 95 % of draws or more."""
+        level = 1 - 0.05 / self.ranks.shape[1]  # Bonferroni
+        return np.asarray((np.abs(self.ranks - 0.5) > 0.5 * level).any(axis=1))
+
+    @cached_property
+    def beyond_priors(self) -> dict[str, int]:
+        """The number of draws whose true value is outside the fit's prior, of each parameter that has such draws."""
+        true = np.array([draw.truth for draw in self.draws], dtype=float)
+        ends = np.array([prior.support for prior in self.spec.priors]).reshape(-1, 2)
+        beyond = ((true < ends[:, 0]) | (true > ends[:, 1])).sum(axis=0).tolist()
+        return {name: count for name, count in zip(self.spec.names, beyond, strict=True) if count}
 
 
 def calibrate(
@@ -126,7 +140,12 @@ def calibrate(
     for _ in earlier:
         done()
     jobs = {index: (packed, method, radii, index, file) for index in range(draws) if index not in earlier}
-    new, stopped = run_jobs(_work, jobs, workers, done)
+    try:
+        new, stopped = run_jobs(_work, jobs, workers, done)
+    except StreamkitError:
+        if not read_draws(file, spec, truth, name, radii):
+            file.unlink()  # without a draw there is nothing to continue
+        raise
     every = {**earlier, **new}
     if not every:
         raise ended_before(spec.source, stopped, "the first draw was finished")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from functools import partial
 from typing import Any
 
@@ -16,6 +17,7 @@ from streamkit.study.calibration.compared import quantities
 from streamkit.study.calibration.runner import DRAWS, Calibration
 from streamkit.study.grid import Products
 
+MISSED = "whether a truth lies outside the intervals that hold all true values in 95 % of draws"
 PROBABILITIES = (0.5, 0.68, 0.95)  # probabilities of the intervals in the table of coverage
 
 
@@ -50,6 +52,18 @@ def coverage_table(calibration: Calibration) -> QTable:
     return out
 
 
+def checks_table(calibration: Calibration) -> QTable:
+    """Return one row per check of a page that was not fine: in how many draws that miss the truth, and in others."""
+    rows = Counter(each for draw in calibration.draws for each in draw.said)
+    missed = Counter(each for draw, one in zip(calibration.draws, calibration.missed, strict=True) if one
+                     for each in draw.said)  # fmt: skip
+    out, every = QTable(), sorted(rows)
+    out["check"], out["level"] = np.array(every, dtype=str).reshape(-1, 2).T
+    out["missed"] = Column([missed[each] for each in every], dtype=int, description=MISSED)
+    out["held"] = Column([rows[each] - missed[each] for each in every], dtype=int, description="of the others")
+    return out
+
+
 def describe_calibration(calibration: Calibration) -> str:
     """Show the coverage for a terminal, and how many fits had converged."""
     n, converged = len(calibration.draws), sum(draw.converged for draw in calibration.draws)
@@ -59,10 +73,26 @@ def describe_calibration(calibration: Calibration) -> str:
     shares = np.array([calibration.coverage(p) for p in PROBABILITIES]).T
     for name, share, rank in zip(calibration.names, shares, calibration.ranks.mean(axis=0), strict=True):
         rows.append((name, *(f"{each:.0%}" for each in share), f"{rank:.2f}"))
-    shown = f"share of {n} draws whose truth lies in the central interval\n{columns(rows)}"
+    shown = f"share of {n} draws whose truth lies in the central interval\n{columns(rows)}{_checks(calibration)}"
     left_out = set(calibration.spec.names) - set(calibration.names)
     told = f" Not compared, as the truth lacks them: {', '.join(sorted(left_out))}." if left_out else ""
+    if beyond := calibration.beyond_priors:
+        some = ", ".join(f"{name} in {count} of {n} draws" for name, count in beyond.items())
+        told += f" The truth is outside the fit's prior, where no interval can hold it: {some}."
     return f"{shown}\n\n{paragraph(_reliability(calibration, converged) + told)}"
+
+
+def _checks(calibration: Calibration) -> str:
+    """Say what the pages of the fits said where the truth was missed, and where it was not; empty for other methods."""
+    if calibration.method:
+        return ""
+    table, many = checks_table(calibration), int(calibration.missed.sum())
+    others = len(calibration.draws) - many
+    if not len(table):
+        return "\n\nevery check of every fit is fine"
+    head = ("check of the page", "says", f"in {many} that miss the truth", f"in {others} others")
+    rows = [head, *(tuple(map(str, row)) for row in table.iterrows())]
+    return f"\n\ndraws by {MISSED}\n{columns(rows)}"
 
 
 def _reliability(calibration: Calibration, converged: int) -> str:
@@ -81,13 +111,16 @@ def _reliability(calibration: Calibration, converged: int) -> str:
     return f"{note} In the median {samples:.0f} effective samples of {calls:.0f} streams."
 
 
-TABLE, COVERAGE, PICTURE, RUN = "calibration.ecsv", "coverage.ecsv", "calibration.png", "calibration.toml"
-PRODUCTS = (DRAWS, TABLE, COVERAGE, PICTURE, RUN)
+TABLE, COVERAGE, CHECKS, PICTURE = "calibration.ecsv", "coverage.ecsv", "checks.ecsv", "calibration.png"
+RUN = "calibration.toml"
+PRODUCTS = (DRAWS, TABLE, COVERAGE, CHECKS, PICTURE, RUN)
 
 
 def calibration_products(calibration: Calibration) -> Products:
     """Return the draws, the coverage of the masses, and the picture of the ranks; one rank has none."""
     tables = {TABLE: draws_table(calibration), COVERAGE: coverage_table(calibration)}
+    if not calibration.method:
+        tables[CHECKS] = checks_table(calibration)
     pictures = {PICTURE: partial(calibration_figure, calibration)} if len(calibration.draws) > 1 else {}
     text = describe_calibration(calibration)
     header: dict[str, Any] = {"draws": len(calibration.draws)}

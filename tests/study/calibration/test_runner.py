@@ -2,6 +2,8 @@
 
 import errno
 import os
+import re
+from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
 
@@ -112,6 +114,7 @@ def test_a_full_disk_is_told_with_the_file(short, tmp_path, monkeypatch):
     monkeypatch.setattr("streamkit.study.calibration.runner.os.write", full)
     with pytest.raises(sk.StreamkitError, match=r"draws\.jsonl: draw 0 cannot be written \(No space left on device\)"):
         calibrate(short, tmp_path / "out", 1)
+    assert not (tmp_path / "out" / DRAWS).exists()  # the next try needs no --force
 
 
 def uniform(spec, n):
@@ -140,6 +143,21 @@ def test_it_tells_how_many_fits_converged(spec):
     assert products.header["converged"] == 150
 
 
+def test_what_the_pages_say_stands_beside_whether_the_truth_was_missed(spec):
+    """By Bonferroni for four quantities a rank must be within 0.00625 of an end: two of 200 even ones are."""
+    even = uniform(spec, 200)
+    assert np.flatnonzero(even.missed).tolist() == [0, 199]
+    bad = ("goodness of fit", "do not use")
+    said = [(bad,) if draw.index in (0, 7, 8) else () for draw in even.draws]
+    draws = tuple(replace(draw, said=each) for draw, each in zip(even.draws, said, strict=True))
+    products = calibration_products(Calibration(spec, draws))
+    assert [tuple(row) for row in products.tables["checks.ecsv"].iterrows()] == [(*bad, 1, 2)]
+    assert re.search(r"check of the page +says +in 2 that miss the truth +in 198 others", products.text)
+    assert re.search(r"goodness of fit +do not use +1 +2\n", products.text)
+    assert "every check of every fit is fine" in calibration_products(even).text
+    assert dict(Draw.of_line(draws[7].line()).said) == dict([bad])
+
+
 def test_masses_with_the_ranks_of_a_parameter_have_no_picture_of_their_own(spec):
     ranks = np.array([[0.1, 0.1, 0.1, 0.3], [0.8, 0.8, 0.8, 0.6]])
     draws = (Draw(i, (1.0,), (r[0],), (1.0,) * 3, tuple(r[1:]), 1.0, 1e3, 10, True) for i, r in enumerate(ranks))
@@ -152,6 +170,7 @@ def test_masses_with_the_ranks_of_a_parameter_have_no_picture_of_their_own(spec)
 def test_a_draw_tells_whether_its_fit_converged(drawn_once, weighted):
     """Ten steps are never enough; a sampler with weights says it by its own rule."""
     assert not drawn_once.converged
+    assert "do not use" in dict(drawn_once.said).values()
     assert weighted.converged
     assert Draw.of_line(weighted.line()).converged is True
 

@@ -1,5 +1,7 @@
 """A calibration whose truth is another run file: another family of hosts, other priors, numbers in place of priors."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from astropy.table import QTable
@@ -72,6 +74,16 @@ def test_what_the_truth_lacks_is_told(spec, halo, tmp_path):
     products = calibration_products(made)
     assert "Not compared, as the truth lacks them: potential.rs." in " ".join(products.text.split())
     assert products.header["truth"]["potential"]["kind"] == "logarithmic_halo"
+
+
+def test_truths_outside_the_priors_of_the_fit_are_counted(spec, halo, made):
+    """Of speeds between 150 and 250 km/s, those below a prior's end have no interval that could hold them."""
+    middle = float(np.sort(made.truths[:, 0])[1])
+    narrow = spec.with_values({"potential.v0": {"uniform": [f"{middle} km/s", "260 km/s"]}})
+    told = replace(made, spec=narrow)
+    assert told.beyond_priors == {"potential.v0": 1}
+    text = " ".join(calibration_products(told).text.split())
+    assert "outside the fit's prior, where no interval can hold it: potential.v0 in 1 of 3 draws." in text
 
 
 def test_draws_at_other_radii_are_not_continued(spec, halo, made, tmp_path):
