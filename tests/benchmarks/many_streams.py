@@ -11,6 +11,11 @@ The second command compares two streams by the emulator with a chain that walks 
 
     python tests/benchmarks/many_streams.py --joint [--streams 4 8 16 30]
 
+    python tests/benchmarks/many_streams.py --seconds 60 --streams 40 --engines processes dask --workers 1 2
+
+Calls in the first seconds after the first of them: their rate by so many workers of each engine, and beside that of one
+worker of the first engine. The fit is stopped then.
+
 The joint step alone: a sweep of 128 walkers of the sampler over streams whose data are linear in five parameters of the
 host and five of their own, which cost nothing to evaluate; and its trajectory along the surface. An emulator of a
 stream costs some 12 us an evaluation more, 34 for each stream and walker in a sweep.
@@ -27,13 +32,16 @@ import subprocess
 import sys
 import tempfile
 import time
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import tomlkit
 from astropy.coordinates import CartesianRepresentation, Galactic, SkyCoord
 
 import streamkit as sk
+from streamkit.sample import CALLS, SMALL_CALLS, calls_in
 
 R0 = 8.0  # kpc, of the Sun
 TRUE = {"v0": 220.0, "q": 0.9}
@@ -157,6 +165,29 @@ def joint(count: int) -> dict[str, Any]:
     return {"streams": count, "parameters": factors.layout.size, "ms a sweep": spent[0], "trajectory": spent[1]}
 
 
+def calls_within(count: int, engine: str, workers: int, given: argparse.Namespace) -> dict[str, Any]:
+    """Begin a fit of so many streams and stop it after the seconds that are given; return a row of the table."""
+    document = run_file(mock_streams(count, given.seed, given.particles))
+    document["potential"] |= PRIORS
+    with tempfile.TemporaryDirectory() as folder:
+        file, out = Path(folder) / "run.toml", Path(folder) / "fit"
+        file.write_text(tomlkit.dumps(document))
+        words = ["run", str(file), "-o", str(out), "--engine", engine, "--workers", str(workers), "--quiet"]
+        journals = [out / name for name in (CALLS, SMALL_CALLS)]
+
+        def made() -> int:
+            return sum(calls_in(each) for each in journals)
+
+        with subprocess.Popen([sys.executable, "-m", "streamkit", *words]) as process:
+            while process.poll() is None and not made():
+                time.sleep(0.2)
+            begin, before = time.monotonic(), made()
+            time.sleep(given.seconds)
+            calls, seconds = made() - before, time.monotonic() - begin
+            process.terminate()
+    return {"streams": count, "engine": engine, "workers": workers, "calls a second": calls / seconds}
+
+
 def _cpu() -> tuple[float, float]:
     """Return the CPU seconds of this process and of its workers that have ended."""
     return tuple(
@@ -179,6 +210,8 @@ def main() -> None:
     parser.add_argument("--particles", type=int, default=500, help="of each stream")
     parser.add_argument("--sampler", choices=SAMPLERS, default="emulator", help="which one")
     parser.add_argument("--profile", action="store_true", help="print the functions that took the most time")
+    parser.add_argument("--seconds", type=float, help="count the first calls, and stop")
+    parser.add_argument("--engines", nargs="+", default=["processes"], help="engines of the workers, for --seconds")
     parser.add_argument("--one", action="store_true", help=argparse.SUPPRESS)  # a row, in a process of its own
     parser.add_argument("--joint", action="store_true", help="the joint step alone, on linear streams")
     given = parser.parse_args()
@@ -186,6 +219,14 @@ def main() -> None:
         count, workers = given.streams[0], given.workers[0]
         row = joint(count) if given.joint else fit(count, workers, given)
         print(json.dumps(row))
+        return
+    if given.seconds:
+        first = 0.0
+        print("| streams | engine | workers | calls a second | of the ideal |\n|---|---|---|---|---|")
+        for count, engine, workers in product(given.streams, given.engines, given.workers):
+            row = calls_within(count, engine, workers, given)
+            first = first or row["calls a second"] / workers
+            print(f"{shown(row)} {row['calls a second'] / workers / first:.2f} |", flush=True)
         return
     head: tuple[str, ...] = ()
     for count in given.streams:
