@@ -61,6 +61,9 @@ def calibrate(
     Truths are drawn from its priors. Compared are the parameters that both have, by their names, and the hosts: masses
     inside --radii, the circular velocity at 8 kpc, and the flattening of the potential at 20 kpc.
 
+    A second table counts the checks of the fits' pages that are not fine, in draws that miss the truth and in others:
+    which of them would have warned a user?
+
     Each draw is a whole fit. Make it small, as with --set stripping.particles=1000 --set sampler.steps=1000. Finished
     draws are written at once, and --resume makes the missing ones.
 
