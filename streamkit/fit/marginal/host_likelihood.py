@@ -20,6 +20,7 @@ from streamkit.fit.marginal.surface import WANTED, Fitted, fit
 from streamkit.report import save_table
 from streamkit.runfile import Spec, host_values
 from streamkit.sample import (
+    SAMPLES,
     Deadlines,
     FactorPosterior,
     SamplingProgress,
@@ -27,6 +28,7 @@ from streamkit.sample import (
     Workers,
     factor_targets,
     one_thread,
+    read_weighted,
     stored_streams,
 )
 from streamkit.stream import Array
@@ -63,10 +65,20 @@ def write_host_likelihoods(directory: Path, out: Path, trust: bool = False) -> I
     if other := [name for name in shared if not name.startswith(tops)]:
         raise StreamkitError(f"{directory}: {other[0]} is free, and is no parameter of the host's sections "
                              "[potential], [body] and [sun]")  # fmt: skip
+    joint = _joint(directory)
     with one_thread():
         for stream, storage in stored_streams(directory, spec):
             likelihood = _learned(directory, spec, stream, storage)
-            yield _written(out / _file(stream.name), spec, stream, storage, likelihood)
+            yield _written(out / _file(stream.name), spec, stream, storage, likelihood, joint)
+
+
+def _joint(directory: Path) -> Array | None:
+    """(k, D) Return samples of the run; None if it has not come to its samples."""
+    path = directory / SAMPLES
+    if not path.exists():
+        return None
+    weighted = read_weighted(path)
+    return np.asarray(weighted.points[weighted.drawn(0)])
 
 
 def _file(stream: str) -> str:
@@ -87,14 +99,22 @@ def _learned(directory: Path, spec: Spec, stream: FactorPosterior, storage: Stor
 
 
 def _written(
-    path: Path, spec: Spec, stream: FactorPosterior, storage: Storage, likelihood: EmulatedLikelihood
+    path: Path,
+    spec: Spec,
+    stream: FactorPosterior,
+    storage: Storage,
+    likelihood: EmulatedLikelihood,
+    joint: Array | None,
 ) -> tuple[Path, str]:
     alone = stream.full.spec
     (part,) = (each for each in spec.parts if each.name == stream.name)
     own = np.isin(alone.names, [spec.names[i] for i in part.own])
     one = StreamAlone(likelihood, alone.priors, np.flatnonzero(~own), np.flatnonzero(own))
     good = np.array([np.frombuffer(key) for key, each in storage.earlier.all().items() if not each.reason])
-    marginal = integrate(one, good, spec.seed)
+    if joint is not None:
+        joint = joint[:, [spec.names.index(alone.names[i]) for i in one.shared]]
+        joint = np.where(one.is_log[one.shared], np.log(np.where(one.is_log[one.shared], joint, 1.0)), joint)
+    marginal = integrate(one, good, spec.seed, joint)
     try:
         fitted = fit(marginal)
     except StreamkitError as error:

@@ -9,10 +9,13 @@ import numpy as np
 from scipy.special import gammaln
 
 from streamkit.fit.marginal.stream_alone import StreamAlone
-from streamkit.stream import Array
+from streamkit.stream import Array, BoolArray
 
 # Inverse temperatures of the walks that place a part of the hosts.
 TEMPERATURES, WALKED = (1.0, 0.25), 0.4
+# Share of the hosts that lie where all streams of the run agree: half of them are samples of its posterior, the others
+# lie about them, this many times as far from their mean.
+JOINT, WIDER = 0.3, 2.0
 # The others are at distances up to this many standard deviations of the stream alone, in every direction.
 FARTHEST = 7.0
 # Hosts for each coefficient of a quadratic function, in all at least and at most.
@@ -40,6 +43,8 @@ class Marginal(NamedTuple):
         (n,) part of the integral that lies among the calls.
     alone
         (m, d) the hosts of the stream alone, by the prior of its run.
+    joint
+        (n,) whether a host is a sample of the posterior of all streams.
     """
 
     hosts: Array
@@ -48,24 +53,29 @@ class Marginal(NamedTuple):
     effective: Array
     trusted: Array
     alone: Array
+    joint: BoolArray
 
 
-def integrate(stream: StreamAlone, points: Array, seed: int) -> Marginal:
+def integrate(stream: StreamAlone, points: Array, seed: int, joint: Array | None = None) -> Marginal:
     """Integrate the likelihood of a stream over its own parameters, at hosts about those that it allows.
 
-    ``points`` (m, p) are parameters of calls, from which the walks begin. The same seed gives the same result.
+    ``points`` (m, p) are parameters of calls, from which the walks begin. ``joint`` (k, d) are hosts of the posterior
+    of all streams of a run, which may be far from those of this one: there the calls of the run are, and other fits
+    need the function there. The same seed gives the same result.
     """
     begin = stream.to(points)
     walks = [stream.walk(begin, beta, [seed, 31, i]) for i, beta in enumerate(TEMPERATURES)]
     rng = np.random.default_rng([seed, 32])
     alone = walks[0][:, stream.shared]
-    h = _hosts(stream, walks, alone, rng)
+    agreed = _agreed(stream, alone, joint, rng)
+    h = np.concatenate([agreed, _hosts(stream, walks, alone, len(agreed), rng)])
+    of_joint = np.arange(len(h)) < (len(agreed) + 1) // 2
     if not len(stream.own):
         y = h[:, np.argsort(stream.shared)]
         value = stream.ln_likelihood(y, np.ones(len(y), dtype=bool))
         error = _noise(stream, y[:, None], np.zeros((len(y), 1)), rng)
         trusted = stream.likelihood.is_trusted(stream.back(y)).astype(float)
-        return Marginal(h, value, error, np.full(len(y), np.inf), trusted, alone)
+        return Marginal(h, value, error, np.full(len(y), np.inf), trusted, alone, of_joint)
     draws = _first(walks, stream, h)
     for size in ROUNDS:
         y, weights, _ = draws.made(stream, h, size, rng)
@@ -76,14 +86,31 @@ def integrate(stream: StreamAlone, points: Array, seed: int) -> Marginal:
     noise = _noise(stream, *_resampled(y, weights, rng), rng)
     return Marginal(
         h, ln_mean, np.hypot(np.sqrt(np.maximum(1 / effective - 1 / LAST, 0.0)), noise), effective,
-        np.sum(weights * trusted, axis=1), alone,
+        np.sum(weights * trusted, axis=1), alone, of_joint,
     )  # fmt: skip
 
 
-def _hosts(stream: StreamAlone, walks: list[Array], alone: Array, rng: np.random.Generator) -> Array:
+def _number(d: int) -> int:
+    """Return the number of hosts for d parameters."""
+    return int(np.clip(HOSTS_PER_TERM * (1 + d + d * (d + 1) // 2), FEWEST_HOSTS, MOST_HOSTS))
+
+
+def _agreed(stream: StreamAlone, alone: Array, joint: Array | None, rng: np.random.Generator) -> Array:
+    """(k, d) Return hosts of the posterior of all streams and, after these, hosts about them; none without it."""
+    if joint is None:
+        return alone[:0]
+    size = int(JOINT * _number(alone.shape[1]))
+    samples, others = (joint[rng.choice(len(joint), many)] for many in (size, 20 * size))
+    wider = joint.mean(axis=0) + WIDER * (others - joint.mean(axis=0))
+    low, high = stream.ends()
+    inside = ((low <= wider) & (wider <= high)).all(axis=1)
+    return np.concatenate([samples[: size - size // 2], wider[inside][: size // 2]])
+
+
+def _hosts(stream: StreamAlone, walks: list[Array], alone: Array, fewer: int, rng: np.random.Generator) -> Array:
     """(n, d) Return the hosts: some of the walks, and others about them, all inside the prior."""
     d = len(stream.shared)
-    n = int(np.clip(HOSTS_PER_TERM * (1 + d + d * (d + 1) // 2), FEWEST_HOSTS, MOST_HOSTS))
+    n = _number(d)
     size = int(WALKED * n) // len(walks)
     walked = [walk[rng.choice(len(walk), size, replace=False)][:, stream.shared] for walk in walks]
     centre, root = alone.mean(axis=0), np.linalg.cholesky(np.atleast_2d(np.cov(alone.T)) + 1e-12 * np.eye(d))
@@ -92,7 +119,7 @@ def _hosts(stream: StreamAlone, walks: list[Array], alone: Array, rng: np.random
     about = centre + FARTHEST * rng.random((20 * n, 1)) * direction @ root.T
     low, high = stream.ends()
     inside = ((low <= about) & (about <= high)).all(axis=1)
-    return np.concatenate([*walked, about[inside][: n - size * len(walks)]])
+    return np.concatenate([*walked, about[inside][: n - size * len(walks) - fewer]])
 
 
 @dataclass(frozen=True)

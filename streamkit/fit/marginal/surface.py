@@ -22,6 +22,7 @@ OF_DEPTH, DEEP, LEAST_ERROR = 0.02, 900.0, 0.01
 EFFECTIVE, TRUSTED = 20.0, 0.9
 # The domain ends where more than this part of the hosts does not count; hosts that are looked at together.
 DROPPED, TOGETHER = 0.5, 30
+INCLUDED = 0.99  # part of the joint posterior of the run that is inside the domain
 WANTED = 5.0  # standard deviations that the domain should reach
 
 
@@ -68,6 +69,8 @@ def fit(marginal: Marginal) -> Fitted:
     counts = np.isfinite(marginal.ln_likelihood) & (marginal.effective >= EFFECTIVE) & (marginal.trusted >= TRUSTED)
     d = x.shape[1]
     reach = _reach(r, counts)
+    if marginal.joint.any() and counts[marginal.joint].mean() > 1 - DROPPED:
+        reach = max(reach, float(np.quantile(r[marginal.joint], INCLUDED)))
     terms = 1 + d + d * (d + 1) // 2
     near = r <= 1.15 * reach
     used = counts & near

@@ -25,6 +25,7 @@ BATCH = 1024  # prior draws at a time: a power of two, which Sobol sequences nee
 PARTS = 16  # parts of a batch, after each of which the search checks the number of streams and the time
 HURRIED = 128  # prior draws at a time where there is a time limit
 MAX_BATCHES = 8
+LAST_BATCH = 32  # where so few draws have a stream that no search can begin: several small domains, as of files
 GIVE_UP = 2  # batches without a single stream after which the search ends
 # Seconds after the time limit, or the length of the limit, within which the first few streams must be found.
 GRACE = 10.0
@@ -114,8 +115,8 @@ class Search:
         u, lnl = np.empty((0, d)), np.empty(0)
         drawn = 0
         parts = HURRIED if np.isfinite(self.deadline) else PARTS
-        for batch in range(MAX_BATCHES):
-            if batch == GIVE_UP and not len(lnl):
+        for batch in range(LAST_BATCH):
+            if (batch == GIVE_UP and not len(lnl)) or (batch >= MAX_BATCHES and len(lnl) >= d + 2):
                 break
             # clip to (0, 1): ppf may be infinite at the ends
             points = np.clip(sobol.random(BATCH), 1e-9, 1 - 1e-9)

@@ -271,3 +271,23 @@ def test_a_time_limit_ends_a_search_that_finds_nothing(monkeypatch):
     with pytest.raises(sk.StreamkitError, match=r"found no place to start in \d+ s: of \d+ draws .*no stream here"):
         search.run()
     assert monotonic() - begin < 1.5
+
+
+class Corner(Gaussian):
+    """A stream in one of 4000 parts of the prior, as where the domains of several files meet; the Gaussian is there."""
+
+    def evaluate(self, theta):
+        rejected = Evaluation(-np.inf, -np.inf, np.full(2, np.nan), np.full(2, np.nan), "outside")
+        return super().evaluate(theta) if (np.abs(theta) < self.half).all() else rejected
+
+
+@pytest.mark.usefixtures("whole_search")
+def test_a_start_is_found_where_one_draw_in_4000_has_a_stream():
+    posterior = Corner()
+    low, high = np.array([prior.support for prior in PRIORS]).T
+    posterior.half = 0.5 * (high - low).min() * 4000 ** (-1 / len(PRIORS))
+    search = Search(PRIORS, lambda points, _: [posterior.evaluate(p) for p in points], 24, np.random.default_rng(2))
+    points, found = search.run()
+    assert search.calls > 8192
+    assert (np.abs(points) < posterior.half).all()
+    assert len({point.tobytes() for point in points}) == len(found) == 24

@@ -50,16 +50,16 @@ class Linear:
         return -0.5 * chi2 - 0.5 * np.linalg.slogdet(covariance)[1]
 
 
-def marginal_of(stream, seed=3):
+def marginal_of(stream, seed=3, joint=None):
     alone = StreamAlone(stream, PRIORS, np.arange(HOST), np.arange(HOST, HOST + OWN))
     rng = np.random.default_rng(seed)
     begin = np.column_stack([rng.uniform(-6, 6, (3000, HOST)), rng.standard_normal((3000, OWN))])
-    return alone, integrate(alone, begin, seed)
+    return alone, integrate(alone, begin, seed, joint)
 
 
-def file_of(stream, name="toy"):
+def file_of(stream, name="toy", joint=None):
     """The surface of a stream, through the text of its file."""
-    alone, marginal = marginal_of(stream)
+    alone, marginal = marginal_of(stream, joint=joint)
     text = io.StringIO()
     table_of(name, UNITS, alone, marginal, fit(marginal), {"assumes": {}}).write(text, format="ascii.ecsv")
     return read_surface(name, text.getvalue())
@@ -196,3 +196,31 @@ def test_the_domain_ends_where_the_calls_end():
     assert (near & (first > 1.5)).sum() > 50
     assert inside[near & (first > 1.5)].mean() < 0.15
     assert inside[near & (first < 0)].mean() > 0.95
+
+
+class Apart(Linear):
+    """The same with calls within 3 standard deviations of the stream alone, and where all streams of a run agree."""
+
+    def is_trusted(self, points):
+        precision, pull = self.about_the_host()
+        away = points[:, :HOST] - np.linalg.solve(precision, pull)
+        agreed = points[:, :HOST] - self.agreed
+        alone = np.einsum("ni,ij,nj->n", away, precision, away) < 9.0
+        return alone | (np.einsum("ni,ij,nj->n", agreed, 9.0 * precision, agreed) < 36.0)
+
+
+@pytest.mark.usefixtures("shorter_walk")
+def test_the_domain_has_the_hosts_of_all_streams_of_a_run():
+    """They are 6.5 standard deviations from the stream alone, and a third as wide; no call is between."""
+    stream = Apart(2, np.zeros(HOST))
+    precision, pull = stream.about_the_host()
+    direction = np.linalg.inv(np.linalg.cholesky(precision)).T
+    stream.agreed = np.linalg.solve(precision, pull) + 6.5 * direction[:, 0]
+    hosts = stream.agreed + np.random.default_rng(6).standard_normal((3000, HOST)) @ direction.T / 3
+    assert file_of(stream).has(hosts).mean() < 0.1
+    file = file_of(stream, joint=hosts)
+    assert file.has(hosts).mean() > 0.95
+    off = file.ln_likelihood(hosts) - stream.exactly(hosts)
+    assert np.std(off) < 0.3
+    between = stream.agreed - 2.6 * direction[:, 0] + 0.1 * (hosts - stream.agreed)
+    assert file.has(between).mean() < 0.3
