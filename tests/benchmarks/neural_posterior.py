@@ -5,7 +5,7 @@
 It needs the package streamkit-simulate and sbi. A network (NPE of sbi, a neural spline flow) learns from streams at
 draws of the priors, which must be uniform. The next round draws from the box that holds all but `OUTSIDE` of the
 samples of each parameter on either side, and learns from all draws of all rounds in that box. The streams of each round
-lie in DIR, and a second call makes none that are there.
+lie in DIR with the samples of the network, and a second call makes none that are there.
 
 The table has the shift of the network's means in standard deviations of the emulator, and the ratio of the widths. Then
 the network's samples are weighted by the true over the network's density: where the shifts vanish then, the network was
@@ -88,8 +88,12 @@ def main() -> None:
     given.out.mkdir(parents=True, exist_ok=True)
     changes: dict[str, Any] = dict(each.split("=", 1) for each in given.set)
     spec = sk.load(given.run_file).with_values({name: _value(text) for name, text in changes.items()})
-    samples, ln_density = of_network(spec, given)
-    fit = sk.run(spec.with_values({"sampler": {"kind": "emulator"}}), given.out / "fit", products=False)
+    stored = given.out / "network.npz"
+    if not stored.exists():
+        np.savez(stored, *of_network(spec, given))
+    with np.load(stored) as arrays:
+        samples, ln_density = arrays.values()
+    fit = sk.run(spec.with_sampler("emulator"), given.out / "fit", products=False)
     print(f"emulator: {fit.calls} calls, {'certified' if fit.converged else 'not certified'}")
     some = np.random.default_rng(0).permutation(len(samples))[:CALLS]
     posterior = sk.Posterior(spec)
