@@ -13,8 +13,8 @@ from streamkit.stream import Array, BoolArray
 
 # Inverse temperatures of the walks that place a part of the hosts.
 TEMPERATURES, WALKED = (1.0, 0.25), 0.4
-# Share of the hosts that lie where all streams of the run agree: half of them are samples of its posterior, the others
-# lie about them, this many times as far from their mean.
+# More hosts, as a share of these, where all streams of the run agree: half of them are samples of its posterior, the
+# others lie about them, this many times as far from their mean.
 JOINT, WIDER = 0.3, 2.0
 # The others are at distances up to this many standard deviations of the stream alone, in every direction.
 FARTHEST = 7.0
@@ -67,8 +67,8 @@ def integrate(stream: StreamAlone, points: Array, seed: int, joint: Array | None
     walks = [stream.walk(begin, beta, [seed, 31, i]) for i, beta in enumerate(TEMPERATURES)]
     rng = np.random.default_rng([seed, 32])
     alone = walks[0][:, stream.shared]
-    agreed = _agreed(stream, alone, joint, rng)
-    h = np.concatenate([agreed, _hosts(stream, walks, alone, len(agreed), rng)])
+    agreed = _agreed(stream, alone, joint, np.random.default_rng([seed, 33]))
+    h = np.concatenate([agreed, _hosts(stream, walks, alone, rng)])
     of_joint = np.arange(len(h)) < (len(agreed) + 1) // 2
     if not len(stream.own):
         y = h[:, np.argsort(stream.shared)]
@@ -107,7 +107,7 @@ def _agreed(stream: StreamAlone, alone: Array, joint: Array | None, rng: np.rand
     return np.concatenate([samples[: size - size // 2], wider[inside][: size // 2]])
 
 
-def _hosts(stream: StreamAlone, walks: list[Array], alone: Array, fewer: int, rng: np.random.Generator) -> Array:
+def _hosts(stream: StreamAlone, walks: list[Array], alone: Array, rng: np.random.Generator) -> Array:
     """(n, d) Return the hosts: some of the walks, and others about them, all inside the prior."""
     d = len(stream.shared)
     n = _number(d)
@@ -119,7 +119,7 @@ def _hosts(stream: StreamAlone, walks: list[Array], alone: Array, fewer: int, rn
     about = centre + FARTHEST * rng.random((20 * n, 1)) * direction @ root.T
     low, high = stream.ends()
     inside = ((low <= about) & (about <= high)).all(axis=1)
-    return np.concatenate([*walked, about[inside][: n - size * len(walks) - fewer]])
+    return np.concatenate([*walked, about[inside][: n - size * len(walks)]])
 
 
 @dataclass(frozen=True)
