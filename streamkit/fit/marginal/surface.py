@@ -68,7 +68,7 @@ def fit(marginal: Marginal) -> Fitted:
     r = np.sqrt(np.sum(x**2, axis=1))
     counts = np.isfinite(marginal.ln_likelihood) & (marginal.effective >= EFFECTIVE) & (marginal.trusted >= TRUSTED)
     d = x.shape[1]
-    reach = _reach(r, counts)
+    reach = _reach(r[~marginal.joint], counts[~marginal.joint])
     if marginal.joint.any() and counts[marginal.joint].mean() > 1 - DROPPED:
         reach = max(reach, float(np.quantile(r[marginal.joint], INCLUDED)))
     terms = 1 + d + d * (d + 1) // 2
