@@ -58,8 +58,9 @@ def calibrate(
     `streamkit stream` prints, must be small beside the errors, or it widens the ranks.
 
     With --truth the model is another run file with the same streams, such as one whose host is of another family.
-    Truths are drawn from its priors. Compared are the parameters that both have, by their names, and the hosts: masses
-    inside --radii, the circular velocity at 8 kpc, and the flattening of the potential at 20 kpc.
+    Truths are drawn from its priors. Compared are the parameters that both have, by their names and of components of
+    one kind, and the hosts: masses inside --radii, the circular velocity at 8 kpc, and the flattening of the potential
+    at 20 kpc.
 
     A second table counts the checks of the fits' pages that are not fine, in draws that miss the truth and in others:
     which of them would have warned a user?

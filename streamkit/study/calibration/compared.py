@@ -50,28 +50,39 @@ def shares_below(samples: Array, true: Array) -> tuple[float | None, ...]:
 def true_parameters(spec: Spec, truth: Spec, theta: Array) -> Array:
     """(d,) The values of the fit's parameters in the truth at its own parameters, by name, in the fit's units.
 
-    A field that has a number there has that value. NaN for a field that the truth lacks.
+    A field that has a number there has that value. NaN for a field that the truth lacks, or of a component of another
+    kind: the mass of another halo is another number.
     """
-    if truth.names == spec.names and truth.units == spec.units:
-        return theta
     drawn = {name: (x, unit) for name, x, unit in zip(truth.names, theta.tolist(), truth.units, strict=True)}
     return np.array([_value(spec, truth, drawn, *each) for each in zip(spec.names, spec.units, strict=True)])
 
 
 def _value(spec: Spec, truth: Spec, drawn: Mapping[str, tuple[float, str]], name: str, unit: str) -> float:
-    if name in drawn:
-        value, theirs = drawn[name]
-        same = u.Unit(theirs).is_equivalent(u.Unit(unit))
-        return float((value * u.Unit(theirs)).to_value(unit)) if same else np.nan
-    found: object = truth.document
-    for key in name.split("."):
-        found = found.get(key) if isinstance(found, Mapping) else None
-    if found is None:
+    kind, _ = _found(spec, name)
+    theirs, found = _found(truth, name)
+    if theirs != kind or found is None:
         return np.nan
+    if name in drawn:
+        value, known = drawn[name]
+        return value if known == unit else float((value * u.Unit(known)).to_value(unit))
     try:
         return spec.number(name, found)
     except SpecError:  # a word in place of a number, or a list: another thing of the same name
         return np.nan
+
+
+def _found(spec: Spec, name: str) -> tuple[object, object]:
+    """Return the kind of the component that has a field, and what the run file has there; None for nothing."""
+    found: object = spec.document
+    kind: object = None
+    for key in name.split("."):
+        if isinstance(found, Mapping):
+            kind, found = found.get("kind", kind), found.get(key)
+        elif isinstance(found, Sequence) and not isinstance(found, str) and key.isdigit() and int(key) < len(found):
+            found = found[int(key)]
+        else:
+            return kind, None
+    return kind, found
 
 
 def check_truth(spec: Spec, truth: Spec) -> None:

@@ -75,7 +75,7 @@ def describe_calibration(calibration: Calibration) -> str:
         rows.append((name, *(f"{each:.0%}" for each in share), f"{rank:.2f}"))
     shown = f"share of {n} draws whose truth lies in the central interval\n{columns(rows)}{_checks(calibration)}"
     left_out = set(calibration.spec.names) - set(calibration.names)
-    told = f" Not compared, as the truth lacks them: {', '.join(sorted(left_out))}." if left_out else ""
+    told = f" Not compared, as the truth has none of the same kind: {', '.join(sorted(left_out))}." if left_out else ""
     if beyond := calibration.beyond_priors:
         some = ", ".join(f"{name} in {count} of {n} draws" for name, count in beyond.items())
         told += f" The truth is outside the fit's prior, where no interval can hold it: {some}."

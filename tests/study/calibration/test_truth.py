@@ -36,14 +36,14 @@ def made(spec, halo, tmp_path_factory):
 
 
 def test_the_host_of_the_truth_is_its_own(halo, made):
-    """Both families have a v0. The potential of a logarithmic halo is v0^2 ln r and a function of direction."""
-    assert made.names == ("potential.v0", "mass_10", "mass_30", "v_c_8")
-    v0, *masses, v_c = made.truths.T
-    assert v_c == pytest.approx(v0)
-    assert np.unique(v0).size == 3
-    assert ((v0 > 150) & (v0 < 250)).all()
+    """The v0 of both families are two numbers. The potential of a logarithmic halo is v0^2 ln r and a function of
+    direction."""
+    assert made.names == ("mass_10", "mass_30", "v_c_8")
+    *masses, v_c = made.truths.T
+    assert np.unique(v_c).size == 3
+    assert ((v_c > 150) & (v_c < 250)).all()
     for radius, mass in zip((10.0, 30.0), masses, strict=True):
-        assert mass == pytest.approx(v0**2 * radius / sk.G)
+        assert mass == pytest.approx(v_c**2 * radius / sk.G)
 
 
 def test_the_flattening_is_compared_where_the_fit_has_one(spec, halo):
@@ -56,12 +56,12 @@ def test_the_flattening_is_compared_where_the_fit_has_one(spec, halo):
 
 
 def test_parameters_are_found_by_their_names(spec, halo):
-    """A number in place of a prior is a truth as well; a field of another name, or of another sort, is none."""
+    """A number in place of a prior is a truth as well. A field that is not there is none, nor one of another kind."""
     free = spec.with_values({"potential.rs": {"uniform": ["5 kpc", "30 kpc"]}})
     assert free.names == ("potential.v0", "potential.rs")
-    known = true_parameters(free, halo, np.array([231.0]))
-    assert known[0] == 231.0
-    assert np.isnan(known[1])
+    assert halo.names == ("potential.v0",)
+    assert np.isnan(true_parameters(free, halo, np.array([231.0]))).all()
+    assert true_parameters(spec, wider(spec), np.array([231.0])).tolist() == [231.0]
     fixed = spec.with_values({"potential.v0": "180 km/s", "potential.rs": "0.012 Mpc"})
     assert true_parameters(free, fixed, np.zeros(0)) == pytest.approx([180.0, 12.0])
     assert true_parameters(free, free, np.array([1.0, 2.0])).tolist() == [1.0, 2.0]
@@ -71,13 +71,21 @@ def test_what_the_truth_lacks_is_told(spec, halo, tmp_path):
     free = spec.with_values({"potential.rs": {"uniform": ["5 kpc", "30 kpc"]}})
     made = calibrate(free, tmp_path, 2, truth=halo)
     assert "potential.rs" not in made.names
+    assert "potential.v0" not in made.names  # of another kind of halo
     products = calibration_products(made)
-    assert "Not compared, as the truth lacks them: potential.rs." in " ".join(products.text.split())
+    text = " ".join(products.text.split())
+    assert "Not compared, as the truth has none of the same kind: potential.rs, potential.v0." in text
     assert products.header["truth"]["potential"]["kind"] == "logarithmic_halo"
 
 
-def test_truths_outside_the_priors_of_the_fit_are_counted(spec, halo, made):
+def wider(spec):
+    return spec.with_values({"potential.v0": {"uniform": ["150 km/s", "250 km/s"]}})
+
+
+def test_truths_outside_the_priors_of_the_fit_are_counted(spec, tmp_path):
     """Of speeds between 150 and 250 km/s, those below a prior's end have no interval that could hold them."""
+    made = calibrate(spec, tmp_path, 3, truth=wider(spec))
+    assert made.names[0] == "potential.v0"
     middle = float(np.sort(made.truths[:, 0])[1])
     narrow = spec.with_values({"potential.v0": {"uniform": [f"{middle} km/s", "260 km/s"]}})
     told = replace(made, spec=narrow)
