@@ -72,7 +72,7 @@ class Calibration:
     @cached_property
     def missed(self) -> BoolArray:
         """(n,) Whether a true value lies outside its interval, which together hold all in 95 % of draws or more."""
-        level = 1 - 0.05 / self.ranks.shape[1]  # Bonferroni
+        level = 1 - 0.05 / max(self.ranks.shape[1], 1)  # Bonferroni
         return np.asarray((np.abs(self.ranks - 0.5) > 0.5 * level).any(axis=1))
 
     @cached_property
