@@ -23,8 +23,7 @@ def given_up(known: Known, rng: np.random.Generator) -> str:
     """Call a factor where its starts allow the data and its emulator is unsure; keep the calls; say what they find.
 
     Weights of true over the start's likelihood, of these places and of all others by the emulator, say what part of the
-    posterior they are. Places count where the true likelihood is far above the emulated one: an emulator that is unsure
-    and right has given up nothing. The text is empty if they are little.
+    posterior they are. The text is empty if that is little.
     """
     z = np.concatenate([start.places for start in known.starts])
     by_start = np.concatenate([start.emulated.ln_likelihood(start.places) for start in known.starts])
@@ -36,12 +35,10 @@ def given_up(known: Known, rng: np.random.Generator) -> str:
         return ""
     some = rng.permutation(unsure)[:CALLS]
     known.calls += (called := Calls.at(known.factor.problem, known.calls.space, z[some]))
-    true, said = called.answers.ln_likelihood, emulated[some]
-    there, elsewhere = true - by_start[some], emulated[sure] - by_start[sure]
+    there, elsewhere = called.answers.ln_likelihood - by_start[some], emulated[sure] - by_start[sure]
     most = max(float(there.max()), float(elsewhere.max()))
-    weights = np.exp(there - most)
-    all_of_them = len(unsure) * float(np.mean(weights)) + float(np.sum(np.exp(elsewhere - most)))
-    found = len(unsure) * float(np.mean(weights * (true > said + UNSURE))) / all_of_them
+    found = len(unsure) * float(np.mean(np.exp(there - most)))
+    found /= found + float(np.sum(np.exp(elsewhere - most)))
     if not found > MISSING:
         return ""
     return f"calls at places of the starts find {100 * found:.0f} % of the posterior where the emulator is not sure"
