@@ -11,14 +11,14 @@ The second command compares two streams by the emulator with a chain that walks 
 
     python tests/benchmarks/many_streams.py --joint [--streams 4 8 16 30]
 
+The joint step alone: a sweep of 128 walkers of the sampler over streams whose data are linear in five parameters of the
+host and five of their own, which cost nothing to evaluate; and its trajectory along the surface. An emulator of a
+stream costs some 12 us an evaluation more, 34 for each stream and walker in a sweep.
+
     python tests/benchmarks/many_streams.py --seconds 60 --streams 40 --engines processes dask --workers 1 2
 
 Calls in the first seconds after the first of them: their rate by so many workers of each engine, and beside that of one
 worker of the first engine. The fit is stopped then.
-
-The joint step alone: a sweep of 128 walkers of the sampler over streams whose data are linear in five parameters of the
-host and five of their own, which cost nothing to evaluate; and its trajectory along the surface. An emulator of a
-stream costs some 12 us an evaluation more, 34 for each stream and walker in a sweep.
 """
 
 from __future__ import annotations

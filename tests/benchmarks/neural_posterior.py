@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 import streamkit as sk
+from streamkit.cli.options import read_settings
 
 OUTSIDE = 2e-3  # share of the samples of a parameter beyond either end of the next box
 NETWORK_SAMPLES = 20_000
@@ -39,16 +40,21 @@ def draws_of(spec: sk.Spec, file: Path, draws: int) -> tuple[sk.Array, sk.Array,
     return theta[good], x[good], observed
 
 
-def learned(theta: sk.Array, x: sk.Array, ends: sk.Array, seed: int) -> Any:
-    """Return the posterior of sbi, learned from parameters (n, d) and data (n, m) of draws in a box of ends (d, 2)."""
+def learned(theta: sk.Array, x: sk.Array, ends: sk.Array, seed: int, log: Path) -> Any:
+    """Return the posterior of sbi, learned from parameters (n, d) and data (n, m) of draws in a box of ends (d, 2).
+
+    sbi writes how the training went into the directory ``log``.
+    """
     import torch
     from sbi.inference import NPE
     from sbi.utils import BoxUniform
+    from torch.utils.tensorboard import SummaryWriter
 
     torch.manual_seed(seed)
     torch.set_num_threads(1)
     low, high, theta, x = (torch.tensor(each, dtype=torch.float32) for each in (*ends.T, theta, x))
-    inference = NPE(BoxUniform(low, high), density_estimator="nsf", show_progress_bars=False)
+    box, writer = BoxUniform(low, high), SummaryWriter(log)
+    inference = NPE(box, density_estimator="nsf", summary_writer=writer, show_progress_bars=False)
     inference.append_simulations(theta, x).train()
     return inference.build_posterior()
 
@@ -65,7 +71,7 @@ def of_network(spec: sk.Spec, given: argparse.Namespace) -> tuple[sk.Array, sk.A
         made, seen, observed = draws_of(narrowed, given.out / f"round{number}.h5", given.draws)
         theta, x = np.concatenate([theta, made]), seen if x is None else np.concatenate([x, seen])
         inside = ((theta >= ends[:, 0]) & (theta <= ends[:, 1])).all(axis=1)
-        posterior = learned(theta[inside], x[inside], ends, number)
+        posterior = learned(theta[inside], x[inside], ends, number, given.out / f"training{number}")
         data = torch.tensor(observed, dtype=torch.float32)
         samples = posterior.sample((NETWORK_SAMPLES,), x=data, show_progress_bars=False)
         ln_density = posterior.log_prob(samples, x=data).numpy()
@@ -86,8 +92,7 @@ def main() -> None:
     options.add_argument("--set", action="append", default=[], metavar="PATH=VALUE", help="a field of the run file")
     given = options.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
-    changes: dict[str, Any] = dict(each.split("=", 1) for each in given.set)
-    spec = sk.load(given.run_file).with_values({name: _value(text) for name, text in changes.items()})
+    spec = sk.load(given.run_file).with_values(read_settings(given.set))
     stored = given.out / "network.npz"
     if not stored.exists():
         np.savez(stored, *of_network(spec, given))
@@ -111,16 +116,6 @@ def main() -> None:
         print(f"| {name} | {mean:.4g} +- {sd:.2g} | {theirs.mean():.4g} +- {theirs.std():.2g} "
               f"| {(theirs.mean() - mean) / sd:+.2f} | {theirs.std() / sd:.2f} | {(centre - mean) / sd:+.2f} "
               f"| {wide / sd:.2f} |")  # fmt: skip
-
-
-def _value(text: str) -> int | float | str:
-    """Return a number if it is one."""
-    for kind in (int, float):
-        try:
-            return kind(text)
-        except ValueError:
-            continue
-    return text
 
 
 if __name__ == "__main__":

@@ -112,8 +112,7 @@ def _written(
     one = StreamAlone(likelihood, alone.priors, np.flatnonzero(~own), np.flatnonzero(own))
     good = np.array([np.frombuffer(key) for key, each in storage.earlier.all().items() if not each.reason])
     if joint is not None:
-        joint = joint[:, [spec.names.index(alone.names[i]) for i in one.shared]]
-        joint = np.where(one.is_log[one.shared], np.log(np.where(one.is_log[one.shared], joint, 1.0)), joint)
+        joint = one.to(joint[:, [spec.names.index(name) for name in alone.names]])[:, one.shared]
     marginal = integrate(one, good, spec.seed, joint)
     try:
         fitted = fit(marginal)

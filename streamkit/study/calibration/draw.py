@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 
 import numpy as np
 from pydantic import TypeAdapter
@@ -87,10 +87,9 @@ def rank_truth(results: Results, index: int, theta: Array, truth: Spec, radii: S
         float(np.nan_to_num(results.ess).min()),
         results.calls + results.search_calls,
         not results.draws.lacks,
+        tuple((each.subject, each.level) for each in results.verdicts if each.level != FINE),
     )
-    said = tuple((each.subject, each.level) for each in results.verdicts if each.level != FINE)
-    ranked = _ranked(results.samples, results.some(OURS), results.spec, index, theta, truth, radii, quality)
-    return replace(ranked, said=said)
+    return _ranked(results.samples, results.some(OURS), results.spec, index, theta, truth, radii, quality)
 
 
 def rank_samples(
@@ -99,7 +98,7 @@ def rank_samples(
     """Return the rank of the truth among samples (n, d) of another method, as `rank_truth` for our own."""
     n = len(samples)
     some = samples[np.linspace(0, n - 1, min(n, FINEST)).astype(int)]
-    return _ranked(samples, some, spec, index, theta, truth, radii, (np.nan, float(n), 0, True))
+    return _ranked(samples, some, spec, index, theta, truth, radii, (np.nan, float(n), 0, True, ()))
 
 
 def _ranked(
@@ -110,7 +109,7 @@ def _ranked(
     theta: Array,
     truth: Spec,
     radii: Sequence[float],
-    quality: tuple[float, float, int, bool],
+    quality: tuple[float, float, int, bool, tuple[tuple[str, str], ...]],
 ) -> Draw:
     """Return the rank; the quantities of the host are those of ``some`` samples."""
     distinct, where = np.unique(some, axis=0, return_inverse=True)
