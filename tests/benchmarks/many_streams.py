@@ -41,7 +41,7 @@ import tomlkit
 from astropy.coordinates import CartesianRepresentation, Galactic, SkyCoord
 
 import streamkit as sk
-from streamkit.sample import CALLS, SMALL_CALLS, calls_in
+from streamkit.sample import calls_in, is_calls
 
 R0 = 8.0  # kpc, of the Sun
 TRUE = {"v0": 220.0, "q": 0.9}
@@ -173,10 +173,9 @@ def calls_within(count: int, engine: str, workers: int, given: argparse.Namespac
         file, out = Path(folder) / "run.toml", Path(folder) / "fit"
         file.write_text(tomlkit.dumps(document))
         words = ["run", str(file), "-o", str(out), "--engine", engine, "--workers", str(workers), "--quiet"]
-        journals = [out / name for name in (CALLS, SMALL_CALLS)]
 
         def made() -> int:
-            return sum(calls_in(each) for each in journals)
+            return sum(calls_in(each) for each in out.glob("*.journal") if is_calls(each.name))
 
         with subprocess.Popen([sys.executable, "-m", "streamkit", *words]) as process:
             while process.poll() is None and not made():
