@@ -125,7 +125,8 @@ class Starter:
         for wave in range(WAVES):
             found = yield partial(self._wave, factor, calls, places, [*seed, 2, wave])
             if found is None:
-                calls += Calls.at(small, space, rng.standard_normal((4 * d, d)))
+                more = rng.standard_normal((4 * d, d)), _between(calls.z[calls.good], rng)
+                calls += Calls.at(small, space, np.concatenate(more))
                 continue
             emulator, places, own_error = found
             self._note(f"{factor.name}: {len(calls)} draws, the emulator's own error is {own_error:.1f} in ln L")
@@ -176,8 +177,7 @@ class Starter:
                     f"{int(calls.good.sum())} give a stream with observables, where streams of few particles have "
                     "them. Raise sampler.start_particles."
                 )
-            first, one, other = places[rng.integers(len(places), size=(3, MORE))]
-            calls += Calls.at(problem, space, first + rng.random((MORE, 1)) * (one - other))
+            calls += Calls.at(problem, space, _between(places, rng))
         emulated = Emulated(space, emulator.of(problem), self._noise)
         alone = float(np.max(emulated.ln_likelihood(every_so_often(places, SOME))))
         earlier = len(factor.earlier) > 0
@@ -239,3 +239,11 @@ def _draws(problem: Problem, space: Space, seed: list[int]) -> Calls:
             break
     assert calls is not None  # noqa: S101  there is at least one batch
     return calls
+
+
+def _between(places: Array, rng: np.random.Generator) -> Array:
+    """(`MORE`, d) Return coordinates between and beside places (n, d); none beside fewer than three."""
+    if len(places) < 3:
+        return places[:0]
+    first, one, other = places[rng.integers(len(places), size=(3, MORE))]
+    return np.asarray(first + rng.random((MORE, 1)) * (one - other))
