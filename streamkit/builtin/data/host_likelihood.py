@@ -17,7 +17,7 @@ import streamkit as sk
 FORM = "host likelihood 1"  # the form of the file that this version reads and writes
 EXAMPLE = Path(__file__).with_name("host_likelihood.ecsv")
 BEYOND = 0.25  # a host is at the edge of the domain if one so many sd of the stream alone away is outside
-NEAREST = 3  # rows that must have a likelihood about a place in the domain
+NEAREST, KNOWN = 3, 2  # of so many rows about a place in the domain so many must have a likelihood
 VALUE, ERROR = "ln_likelihood", "error"  # the columns besides the parameters of the host
 
 
@@ -37,7 +37,7 @@ class Surface(NamedTuple):
     reach, low, high
         The domain: |x| at most, and the ends (d,) of the coordinates.
     is_known
-        (n,) whether the rows nearest to x (n, d) have a likelihood: where one has none, the domain has a hole.
+        (n,) whether most rows nearest to x (n, d) have a likelihood: where most have none, the domain has a hole.
     at
         ln likelihood (n,) at x (n, d).
     assumes
@@ -184,8 +184,8 @@ def read_surface(name: str, text: str) -> Surface:
 
 
 def _among_known(rows: Any, there: sk.BoolArray, x: sk.Array) -> sk.BoolArray:
-    """(n,) Return whether the rows nearest to x (n, d) have a likelihood."""
-    return np.asarray(there[rows.query(x, NEAREST)[1]].all(axis=1), dtype=bool)
+    """(n,) Return whether most rows nearest to x (n, d) have a likelihood."""
+    return np.asarray(there[rows.query(x, NEAREST)[1]].sum(axis=1) >= KNOWN, dtype=bool)
 
 
 def _unit_of(column: Any) -> str:

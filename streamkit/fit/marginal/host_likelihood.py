@@ -39,7 +39,7 @@ WHAT = (
     "ln of the likelihood of a stream, its own parameters integrated out, as a function of the host. Between the rows: "
     "the mean of a Gaussian process about a quadratic function, for |(y - centre) @ whiten| <= reach and low <= y <= "
     "high, where y are the columns, or the natural logarithms of those in 'logarithms'. Do not use it beyond, nor "
-    "where one of the nearest three rows has no number."
+    "where two of the nearest three rows have no number."
 )
 
 
@@ -124,7 +124,7 @@ def _written(
              "version": VERSION, "data": _sources(alone), "assumes": assumes}  # fmt: skip
     save_table(path, table_of(stream.name, units, one, marginal, fitted, notes))
     short = "" if fitted.reach >= WANTED else f", less than the {WANTED:g} that other data in tension with it may need"
-    hole = "" if fitted.kept > WHOLE else f", without the {1 - fitted.kept:.0%} of these hosts that no call is near"
+    hole = "" if fitted.kept > WHOLE else f", without the {1 - fitted.kept:.0%} of these hosts with no sure integral"
     line = (
         f"{stream.name}: {len(units)} parameters of the host, out to {fitted.reach:.1f} standard deviations of the "
         f"stream alone{short}{hole}; error of ln L {fitted.left_out:.2f}; {np.median(marginal.effective):.0f} "

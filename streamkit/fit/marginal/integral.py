@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import gammaln
 
 from streamkit.fit.marginal.stream_alone import StreamAlone
-from streamkit.stream import Array, BoolArray
+from streamkit.stream import Array, BoolArray, IntArray
 
 # Inverse temperatures of the walks that place a part of the hosts.
 TEMPERATURES, WALKED = (1.0, 0.25), 0.4
@@ -20,11 +20,14 @@ JOINT, WIDER = 0.3, 2.0
 FARTHEST = 7.0
 # Hosts for each coefficient of a quadratic function, in all at least and at most.
 HOSTS_PER_TERM, FEWEST_HOSTS, MOST_HOSTS = 30, 240, 900
-# Degrees of freedom of the draws; draws of each round of improvement, and of the last one.
-HEAVY_TAILS, ROUNDS, LAST = 6.0, (150, 200), 400
+# Degrees of freedom of the draws, and draws of each round of improvement.
+HEAVY_TAILS, ROUNDS = 6.0, (150, 150, 200, 200)
+# Draws for the integral are made by so many until there are so many effective ones, at most so many times, for so many
+# hosts together, which bounds the memory.
+BATCH, ENOUGH, MOST_BATCHES, GROUP = 400, 50.0, 10, 64
 # Emulators that the noise of the calls could have given as well, and draws by which each is compared.
 REDRAWN, COMPARED = 6, 60
-# Share of a weighted covariance in an improved one: few effective draws say little.
+# With so many effective draws, the mean and covariance of a host's own draws count as much as those of all hosts.
 LEARNED = 40.0
 
 
@@ -76,18 +79,29 @@ def integrate(stream: StreamAlone, points: Array, seed: int, joint: Array | None
         error = _noise(stream, y[:, None], np.zeros((len(y), 1)), rng)
         trusted = stream.likelihood.is_trusted(stream.back(y)).astype(float)
         return Marginal(h, value, error, np.full(len(y), np.inf), trusted, alone, of_joint)
-    draws = _first(walks, stream, h)
+    draws, quadratic = _first(walks, stream, h), quadratic_terms((h - h.mean(axis=0)) / h.std(axis=0))
     for size in ROUNDS:
-        y, weights, _ = draws.made(stream, h, size, rng)
-        draws = draws.improved(y[:, :, stream.own], weights)
-    y, weights, ln_mean = draws.made(stream, h, LAST, rng)
-    effective = 1 / np.sum(weights**2, axis=1)
-    trusted = stream.likelihood.is_trusted(stream.back(y.reshape(-1, y.shape[2]))).reshape(weights.shape)
-    noise = _noise(stream, *_resampled(y, weights, rng), rng)
-    return Marginal(
-        h, ln_mean, np.hypot(np.sqrt(np.maximum(1 / effective - 1 / LAST, 0.0)), noise), effective,
-        np.sum(weights * trusted, axis=1), alone, of_joint,
-    )  # fmt: skip
+        y, ln_w = draws.made(stream, h, size, rng)
+        draws = draws.improved(quadratic, y[:, :, stream.own], ln_w)
+    value, error, effective, trusted = (np.empty(len(h)) for _ in range(4))
+    order = np.argsort(_effective(ln_w))  # hosts of one group need as many draws
+    for rows in np.array_split(order, -(-len(h) // GROUP)):
+        y, ln_w = draws.of(rows).enough(stream, h[rows], rng)
+        y, ln_equal = _resampled(y, _normalised(ln_w), rng)
+        value[rows] = np.logaddexp.reduce(ln_w, axis=1) - np.log(ln_w.shape[1])
+        effective[rows] = _effective(ln_w)
+        inside = stream.likelihood.is_trusted(stream.back(y.reshape(-1, y.shape[2])))
+        trusted[rows] = inside.reshape(ln_equal.shape).mean(axis=1)
+        of_draws = np.sqrt(np.maximum(1 / np.maximum(effective[rows], 1.0) - 1 / ln_w.shape[1], 0.0))
+        error[rows] = np.hypot(of_draws, _noise(stream, y, ln_equal, rng))
+    return Marginal(h, value, error, effective, trusted, alone, of_joint)
+
+
+def quadratic_terms(x: Array) -> Array:
+    """(n, m) Return the terms of a quadratic function at places x (n, d)."""
+    d = x.shape[1]
+    pairs = [x[:, i] * x[:, j] for i in range(d) for j in range(i, d)]
+    return np.stack([np.ones(len(x)), *x.T, *pairs], axis=1)
 
 
 def _number(d: int) -> int:
@@ -135,8 +149,8 @@ class _Draws:
     middle: Array
     root: Array
 
-    def made(self, stream: StreamAlone, h: Array, size: int, rng: np.random.Generator) -> tuple[Array, Array, Array]:
-        """Draw for each host; return coordinates (n, size, p), normalised weights (n, size), ln of their mean (n,)."""
+    def made(self, stream: StreamAlone, h: Array, size: int, rng: np.random.Generator) -> tuple[Array, Array]:
+        """Draw for each host; return coordinates (n, size, p) and ln of the weights (n, size)."""
         n, q = self.middle.shape
         normal = rng.standard_normal((n, size, q))
         scale = np.sqrt(HEAVY_TAILS / rng.chisquare(HEAVY_TAILS, (n, size)))
@@ -152,24 +166,59 @@ class _Draws:
         flat = y.reshape(n * size, -1)
         prior = stream.ln_prior(flat, stream.own)
         target = np.where(np.isfinite(prior), prior, 0.0) + stream.ln_likelihood(flat, np.isfinite(prior))
-        ln_w = target.reshape(n, size) - ln_t
-        total = np.logaddexp.reduce(ln_w, axis=1)
-        with np.errstate(invalid="ignore"):  # a host without a single draw inside the prior
-            weights = np.where(np.isfinite(total)[:, None], np.exp(ln_w - total[:, None]), 1 / size)
-        return y, weights, total - np.log(size)
+        return y, target.reshape(n, size) - ln_t
 
-    def improved(self, s: Array, weights: Array) -> _Draws:
-        """Return distributions with the weighted means and covariances of the draws s (n, size, q)."""
-        middle = np.einsum("nk,nkq->nq", weights, s)
+    def enough(self, stream: StreamAlone, h: Array, rng: np.random.Generator) -> tuple[Array, Array]:
+        """Draw until most hosts have `ENOUGH` effective draws; return what `made` returns."""
+        batches = [self.made(stream, h, BATCH, rng)]
+        while len(batches) < MOST_BATCHES:
+            ln_w = np.concatenate([each[1] for each in batches], axis=1)
+            if np.quantile(_effective(ln_w), 0.1) >= ENOUGH:
+                break
+            batches.append(self.made(stream, h, BATCH, rng))
+        y, ln_w = (np.concatenate(each, axis=1) for each in zip(*batches, strict=True))
+        return y, ln_w
+
+    def of(self, rows: IntArray) -> _Draws:
+        """Return the distributions of some hosts."""
+        return _Draws(self.middle[rows], self.root[rows])
+
+    def improved(self, terms: Array, s: Array, ln_w: Array) -> _Draws:
+        """Return distributions by the draws s (n, size, q) of each host and, where few of these count, of all hosts.
+
+        All together give a mean that is a quadratic function of the host, by its ``terms`` (n, m), and one covariance.
+        """
+        weights, effective = _normalised(ln_w), _effective(ln_w)
+        if not effective.any():
+            return self
+        own = np.einsum("nk,nkq->nq", weights, s)
+        root = np.sqrt(effective)[:, None]
+        coefficients, *_ = np.linalg.lstsq(terms * root, own * root, rcond=None)
+        of_all = terms @ coefficients
+        away = s - of_all[:, None]
+        count = weights * (effective / effective.sum())[:, None]
+        common = np.einsum("nk,nki,nkj->ij", count, away, away, optimize=True)
+        share = (effective / (effective + LEARNED))[:, None]
+        middle = share * own + (1 - share) * of_all
         away = s - middle[:, None]
         covariance = np.einsum("nk,nki,nkj->nij", weights, away, away)
-        share = (1 / np.sum(weights**2, axis=1))[:, None, None]
-        share = share / (share + LEARNED)
-        old = np.einsum("nij,nkj->nik", self.root, self.root)
-        new = share * covariance + (1 - share) * old
+        new = share[:, :, None] * covariance + (1 - share[:, :, None]) * common
         diagonal = np.arange(new.shape[1])
         new[:, diagonal, diagonal] *= 1 + 1e-9
         return _Draws(middle, np.linalg.cholesky(new))
+
+
+def _normalised(ln_w: Array) -> Array:
+    """(n, k) Return weights of the sum 1 for each host; equal ones for a host without a draw inside the prior."""
+    total = np.logaddexp.reduce(ln_w, axis=1)
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.where(np.isfinite(total)[:, None], np.exp(ln_w - total[:, None]), 1 / ln_w.shape[1]))
+
+
+def _effective(ln_w: Array) -> Array:
+    """(n,) Return effective numbers of draws; 0 for a host without a draw inside the prior."""
+    number = 1 / np.sum(_normalised(ln_w) ** 2, axis=1)
+    return np.asarray(np.where(np.isfinite(ln_w).any(axis=1), number, 0.0))
 
 
 def _first(walks: list[Array], stream: StreamAlone, h: Array) -> _Draws:

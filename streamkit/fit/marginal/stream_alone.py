@@ -59,7 +59,8 @@ class StreamAlone:
     def ln_prior(self, y: Array, columns: IntArray) -> Array:
         """(n,) ln prior density of some of the coordinates y (n, p); -inf outside."""
         points = self.back(y)
-        each = [self.priors[i].lnpdf_of_many(points[:, i]) + (y[:, i] if self.is_log[i] else 0.0) for i in columns]
+        with np.errstate(over="ignore"):  # the square of a parameter far out
+            each = [self.priors[i].lnpdf_of_many(points[:, i]) + (y[:, i] if self.is_log[i] else 0.0) for i in columns]
         return np.asarray(sum(each, np.zeros(len(y))))
 
     def ln_likelihood(self, y: Array, inside: BoolArray, likelihood: EmulatedLikelihood | None = None) -> Array:

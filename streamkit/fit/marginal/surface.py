@@ -10,7 +10,7 @@ from scipy.linalg import inv
 from scipy.spatial.distance import cdist
 
 from streamkit.errors import StreamkitError
-from streamkit.fit.marginal.integral import Marginal
+from streamkit.fit.marginal.integral import Marginal, quadratic_terms
 from streamkit.stream import Array, BoolArray
 
 # Widths of the kernel in standard deviations of the stream alone, and its amplitudes in ln likelihood, to choose from.
@@ -19,7 +19,7 @@ WIDTHS, AMPLITUDES = (1.0, 2.0, 4.0, 8.0), (0.1, 0.5, 2.0, 10.0)
 # `DEEP`, and this much in any case.
 OF_DEPTH, DEEP, LEAST_ERROR = 0.02, 900.0, 0.01
 # An integral counts with so many effective draws at least, and with this part of it among the calls.
-EFFECTIVE, TRUSTED = 20.0, 0.9
+EFFECTIVE, TRUSTED = 8.0, 0.9
 # The domain ends where more than this part of the hosts does not count; hosts that are looked at together.
 DROPPED, TOGETHER = 0.5, 30
 INCLUDED = 0.99  # part of the joint posterior of the run that is inside the domain
@@ -40,8 +40,8 @@ class Fitted(NamedTuple):
     width, amplitude
         Of the Gaussian kernel.
     near, reach
-        (n,) hosts in the domain or near it, and the largest |x| of the domain. A place is outside it too where one of
-        the nearest hosts is not ``used``.
+        (n,) hosts in the domain or near it, and the largest |x| of the domain. A place is outside it too where most of
+        the nearest hosts are not ``used``.
     kept
         Part of the hosts within `WANTED` standard deviations that is used.
     left_out
@@ -94,9 +94,7 @@ def _left_out(x: Array, values: Array, errors: Array, width: float, amplitude: f
 
     Both follow from the inverse of the matrix of the whole fit (Dubrule 1983).
     """
-    n, d = x.shape
-    pairs = [x[:, i] * x[:, j] for i in range(d) for j in range(i, d)]
-    basis = np.stack([np.ones(n), *x.T, *pairs], axis=1)
+    n, basis = len(x), quadratic_terms(x)
     covariance = amplitude**2 * np.exp(-0.5 * cdist(x, x, "sqeuclidean") / width**2) + np.diag(errors**2)
     m = basis.shape[1]
     whole = np.block([[covariance, basis], [basis.T, np.zeros((m, m))]])

@@ -55,6 +55,21 @@ def test_hosts_outside_the_domain_are_rejected_with_a_reason():
     assert beyond.reason == "data.s: the host is outside the domain of the likelihood of example"
 
 
+@pytest.mark.parametrize(("missing", "inside"), [(1, True), (6, False)])
+def test_one_host_without_a_likelihood_is_bridged_and_several_are_a_hole(tmp_path, missing, inside):
+    table = Table.read(EXAMPLE, format="ascii.ecsv")
+    x = (np.log(np.array([table[name] for name in table.colnames[:2]]).T) - CENTRE) / SD
+    middle = np.array([1.0, -1.0])
+    gone = np.argsort(np.sum((x - middle) ** 2, axis=1))[:missing]
+    for column in ("ln_likelihood", "error"):
+        table[column][gone] = np.nan
+    table.write(tmp_path / "holed.ecsv", format="ascii.ecsv")
+    found = sk.Posterior(document(tmp_path / "holed.ecsv")).evaluate(np.exp(CENTRE + SD * middle))
+    assert np.isfinite(found.lnp) == inside
+    if inside:
+        assert found.ln_likelihood == pytest.approx(-0.5 * middle @ middle, abs=0.02)
+
+
 def test_many_hosts_at_once_have_the_likelihoods_of_each():
     data = HostLikelihood(**HostLikelihood.example)
     y = CENTRE + SD * np.random.default_rng(1).normal(size=(50, 2))

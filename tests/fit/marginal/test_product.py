@@ -21,6 +21,8 @@ UNITS = {f"potential.{letter}": "" for letter in "abcd"}
 class Linear:
     """Data that are linear in host and own parameters, with unit errors; an emulated likelihood without any error."""
 
+    priors = PRIORS
+
     def __init__(self, seed: int, host: np.ndarray) -> None:
         rng = np.random.default_rng(seed)
         self.of_host = 0.75 * rng.standard_normal((DATA, HOST))
@@ -28,7 +30,7 @@ class Linear:
         self.data = self.of_host @ host + self.of_own @ rng.standard_normal(OWN) + rng.standard_normal(DATA)
 
     def ln_likelihood(self, points):
-        model = points[:, :HOST] @ self.of_host.T + points[:, HOST:] @ self.of_own.T
+        model = points[:, :HOST] @ self.of_host.T + points[:, HOST : HOST + OWN] @ self.of_own.T
         return -0.5 * np.sum((model - self.data) ** 2, axis=1)
 
     def is_trusted(self, points):
@@ -50,10 +52,27 @@ class Linear:
         return -0.5 * chi2 - 0.5 * np.linalg.slogdet(covariance)[1]
 
 
+class Shelved(Linear):
+    """Beside the others six parameters that have only an upper limit, as the logarithm of an extra error has."""
+
+    SHELVES, LOWEST, HIGHEST, WIDTH = 6, -3.0, 1.0, 0.15
+    priors = [*PRIORS, *SHELVES * [Uniform(LOWEST, HIGHEST)]]
+
+    def ln_likelihood(self, points):
+        above = np.maximum(points[:, HOST + OWN :], 0.0) / self.WIDTH
+        return super().ln_likelihood(points) - 0.5 * np.sum(above**2, axis=1)
+
+    def exactly(self, hosts):
+        allowed = (-self.LOWEST + self.WIDTH * np.sqrt(np.pi / 2)) / (self.HIGHEST - self.LOWEST)
+        return super().exactly(hosts) + self.SHELVES * np.log(allowed)
+
+
 def marginal_of(stream, seed=3, joint=None):
-    alone = StreamAlone(stream, PRIORS, np.arange(HOST), np.arange(HOST, HOST + OWN))
+    own = len(stream.priors) - HOST
+    alone = StreamAlone(stream, stream.priors, np.arange(HOST), np.arange(HOST, HOST + own))
     rng = np.random.default_rng(seed)
-    begin = np.column_stack([rng.uniform(-6, 6, (3000, HOST)), rng.standard_normal((3000, OWN))])
+    begin = [rng.uniform(-6, 6, (3000, HOST)), rng.standard_normal((3000, OWN)), rng.uniform(-2, 0, (3000, own - OWN))]
+    begin = np.column_stack(begin)
     return alone, integrate(alone, begin, seed, joint)
 
 
@@ -224,3 +243,13 @@ def test_the_domain_has_the_hosts_of_all_streams_of_a_run():
     assert np.std(off) < 0.3
     opposite = 2 * np.linalg.solve(precision, pull) - hosts
     assert file.has(opposite).mean() < 0.1
+
+
+@pytest.mark.usefixtures("shorter_walk")
+def test_the_integral_over_parameters_with_only_an_upper_limit():
+    stream = Shelved(2, np.zeros(HOST))
+    _, marginal = marginal_of(stream)
+    away = marginal.ln_likelihood - stream.exactly(marginal.hosts)
+    assert np.std(away / marginal.error) == pytest.approx(1.0, abs=0.15)
+    assert np.abs(np.mean(away)) < 4 * np.median(marginal.error) / np.sqrt(len(away))
+    assert np.quantile(marginal.effective, 0.1) > 50
