@@ -1,6 +1,6 @@
 """Widths and dispersions of streams from real members with velocities, on the model's track.
 
-    python tests/benchmarks/members.py MEMBERS.ecsv [--stream GD-1] [--worst 6]
+    python tests/benchmarks/members.py MEMBERS.ecsv [--stream GD-1] [--worst 6] [--fit DIR]
 
 MEMBERS is a table of the members of streams by STREAMFINDER (Ibata et al. 2024, ApJ 967, 89) with the columns stream,
 ra, dec, pmra, pmdec, gmag, v and v_error. No such table comes with streamkit. The proper motions have no errors there:
@@ -12,12 +12,16 @@ Its track is the likeliest one, found by simplexes in turn with the fractions an
 at that track: the errors leave out that of the track. Each stream has a thin and a wide part on one track: GD-1's wide
 part is its cocoon, those of the others hold stars of the field too. The last column has published numbers: DESI DR2
 (arXiv:2604.20958) for GD-1, Kuzma et al. 2015 (MNRAS 446, 3297) for Palomar 5.
+
+With `--fit` track, fractions and dispersions are all free in a run in DIR by the sampler `emulator`, so that the mass
+has its error.
 """
 
 from __future__ import annotations
 
 import argparse
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import emcee
@@ -179,16 +183,33 @@ def likeliest(fit: Fit) -> tuple[sk.Array, sk.Array]:
     return theta, u
 
 
+def fit_all(spec: sk.Spec, out: Path) -> None:
+    """Run a fit in which the fractions and dispersions are free too, and print what it finds."""
+    free = {name: {"log_uniform": list(ends)} for name, ends in LEAST.items()}
+    free |= {name: {"uniform": [0.0, 1.0]} for name in ("fraction", "cocoon_fraction")}
+    changes = {f"observable.{name}": prior for name, prior in free.items()}
+    results = sk.run(spec.with_values({**changes, "sampler.kind": "emulator"}), out)
+    masses = results.profiles(np.array([20.0]))[0][:, 0] / 1e11
+    print(f"{results.calls} calls, {'certified' if results.converged else 'not certified'}")
+    for name, values in (*((name, np.asarray(results[name])) for name in results.spec.names), ("M(<20), 1e11", masses)):
+        low, middle, high = np.percentile(values, [16, 50, 84])
+        print(f"{name:46s} {middle:.3g} ({low:.3g}-{high:.3g})")
+
+
 def main() -> None:
     """Print the table."""
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("members")
     options.add_argument("--stream", choices=list(STREAMS), default="GD-1")
     options.add_argument("--worst", type=float, default=6.0, help="largest error of a velocity in km/s")
+    options.add_argument("--fit", type=Path, metavar="DIR", help="make a fit in which all is free, in this directory")
     given = options.parse_args()
     stars = stars_of(given.stream, Table.read(given.members, format="ascii.ecsv"), given.worst)
     stream = STREAMS[given.stream]
     spec = run_file(stream, stars)
+    if given.fit:
+        fit_all(spec, given.fit)
+        return
     fit = Fit(stream, spec)
     theta, u = likeliest(fit)
     prediction = fit.predict(theta)
