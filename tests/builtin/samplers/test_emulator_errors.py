@@ -1,6 +1,7 @@
 """The emulator's own error, what changes by chance, and what the emulator has given up though it is not sure there."""
 
 import re
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -155,13 +156,15 @@ def test_an_emulator_that_is_unsure_and_right_has_given_up_nothing():
         return problem.compare(at, problem.toy.mean(at.T).T, np.zeros((len(at), 4)), None)
 
     half = np.arange(1000) % 2 == 0
-    for lower, share in ((0.0, 0.0), (8.0, 0.5)):  # as emulated: right, and given up at every other place
+    # as emulated: right, given up at every other place, and there by more than a number can hold above all calls so far
+    for lower, below, share in ((0.0, 0.0, 0.0), (8.0, 0.0, 0.5), (8.0, 1e3, 1.0)):
         emulated = SimpleNamespace(
-            ln_likelihood=lambda z, lower=lower: true(z) - lower * half[: len(z)],
-            at_best=lambda z, sigmas: true(z) + 5.0 * half[: len(z)],
+            ln_likelihood=lambda z, low=lower, below=below: true(z) - low * half[: len(z)] - below,
+            at_best=lambda z, sigmas, below=below: true(z) + 5.0 * half[: len(z)] - below,
         )
-        state = SimpleNamespace(factor=SimpleNamespace(problem=problem), calls=Calls.of(problem, space, theta[:8]),
-                                emulated=emulated,
+        calls = Calls.of(problem, space, theta[:8])
+        calls = replace(calls, answers=calls.answers._replace(ln_likelihood=calls.answers.ln_likelihood - below))
+        state = SimpleNamespace(factor=SimpleNamespace(problem=problem), calls=calls, emulated=emulated,
                                 starts=[SimpleNamespace(places=space.normal(theta),
                                                         emulated=SimpleNamespace(ln_likelihood=true))])  # fmt: skip
         said = given_up(state, rng)

@@ -17,6 +17,8 @@ from streamkit.builtin.samplers.emulator.learn.calls import Calls
 SIGMAS, UNSURE = 2.0, 3.0
 # So often as many calls at most, until it is clear whether they find too much.
 BATCHES = 4
+# Largest logarithm of a weight: its square is a number still, and a larger one would say the same.
+LARGEST = 300.0
 # Nats below the best call, beyond which a place is of no account.
 FAR = 20.0
 
@@ -49,7 +51,7 @@ def given_up(known: Known, rng: np.random.Generator) -> str:
         different, drawn = np.unique(rng.choice(len(chance), CALLS, p=chance), return_inverse=True)
         called = Calls.at(known.factor.problem, known.calls.space, z[is_unsure][different])
         known.calls += called
-        true = np.exp(called.answers.ln_likelihood - by_start[is_unsure][different] - zero)
+        true = np.exp(np.minimum(called.answers.ln_likelihood - by_start[is_unsure][different] - zero, LARGEST))
         more = np.append(more, ((true - said[different]) / chance[different])[drawn])
         weights = np.append(weights, (true / chance[different])[drawn])
         whole = max(elsewhere + float(weights.mean()), np.finfo(float).tiny)
