@@ -190,7 +190,7 @@ def fit_all(spec: sk.Spec, out: Path) -> None:
     changes = {f"observable.{name}": prior for name, prior in free.items()}
     results = sk.run(spec.with_values({**changes, "sampler.kind": "emulator"}), out)
     masses = results.profiles(np.array([20.0]))[0][:, 0] / 1e11
-    print(f"{results.calls} calls, {'certified' if results.converged else 'not certified'}")
+    print(f"{results.calls} calls. {results.note()}")
     for name, values in (*((name, np.asarray(results[name])) for name in results.spec.names), ("M(<20), 1e11", masses)):
         low, middle, high = np.percentile(values, [16, 50, 84])
         print(f"{name:46s} {middle:.3g} ({low:.3g}-{high:.3g})")
