@@ -160,19 +160,20 @@ def test_a_joint_host_far_from_one_stream_is_inside_its_file(eight):
 
 
 @pytest.mark.usefixtures("shorter_walk")
-def test_the_integral_is_that_of_the_closed_form_within_its_error():
-    stream = Linear(2, np.zeros(HOST))
+@pytest.mark.parametrize(("kind", "poorest", "left_out"), [(Linear, 0.0, 0.05), (Shelved, 0.1, 0.15)])
+def test_the_integral_is_that_of_the_closed_form_within_its_error(kind, poorest, left_out):
+    stream = kind(2, np.zeros(HOST))
     _, marginal = marginal_of(stream)
     away = marginal.ln_likelihood - stream.exactly(marginal.hosts)
     assert np.std(away / marginal.error) == pytest.approx(1.0, abs=0.15)
     assert np.abs(np.mean(away)) < 4 * np.median(marginal.error) / np.sqrt(len(away))
-    assert marginal.effective.min() > 50
+    assert np.quantile(marginal.effective, poorest) > 50
     precision, pull = stream.about_the_host()
     mean, errors = np.linalg.solve(precision, pull), np.sqrt(np.diag(np.linalg.inv(precision)))
     assert np.abs((marginal.alone.mean(axis=0) - mean) / errors).max() < 0.25
     fitted = fit(marginal)
     assert fitted.reach > 5
-    assert fitted.left_out < 0.05
+    assert fitted.left_out < left_out
 
 
 class Noisy(Linear):
@@ -243,13 +244,3 @@ def test_the_domain_has_the_hosts_of_all_streams_of_a_run():
     assert np.std(off) < 0.3
     opposite = 2 * np.linalg.solve(precision, pull) - hosts
     assert file.has(opposite).mean() < 0.1
-
-
-@pytest.mark.usefixtures("shorter_walk")
-def test_the_integral_over_parameters_with_only_an_upper_limit():
-    stream = Shelved(2, np.zeros(HOST))
-    _, marginal = marginal_of(stream)
-    away = marginal.ln_likelihood - stream.exactly(marginal.hosts)
-    assert np.std(away / marginal.error) == pytest.approx(1.0, abs=0.15)
-    assert np.abs(np.mean(away)) < 4 * np.median(marginal.error) / np.sqrt(len(away))
-    assert np.quantile(marginal.effective, 0.1) > 50
