@@ -19,7 +19,7 @@ class Narrow(OfToy):
 
 
 def test_a_start_is_found_between_the_few_draws_that_have_predictions():
-    """A likelihood alone is emulated by a quadratic function, with ten terms."""
+    """The draws that have one are too few to learn from, and draws of the prior alone would add one in 750."""
     factor = one_factor(LikelihoodOnly(Narrow(Curved())), LikelihoodOnly(Narrow(Curved(), 60)))
     (start,) = side_by_side([Starter(False, lambda _: None).one(factor, 0)], in_turn)
     first = start.calls.take(np.arange(len(start.calls)) < start.draws)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
@@ -72,15 +72,7 @@ def test_an_end_before_a_result_is_an_interruption_only_after_a_signal() -> None
     assert not isinstance(died, Interrupted)
 
 
-@pytest.fixture
-def heeds_interrupts() -> Iterator[None]:
-    """A process that a shell has put in the background ignores SIGINT, and so do its children."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, before)
-
-
-@pytest.mark.usefixtures("heeds_interrupts")
+@pytest.mark.usefixtures("interruptible")
 @pytest.mark.parametrize("work", [signal_at_two, signal_in_a_fit_at_two])
 @pytest.mark.parametrize(
     ("signum", "reason", "status"), [(signal.SIGINT, "interrupted", 130), (signal.SIGTERM, "terminated", 143)]

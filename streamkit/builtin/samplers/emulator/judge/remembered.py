@@ -27,7 +27,7 @@ def given_up(known: Known, rng: np.random.Generator) -> str:
     """Call a factor where its starts allow the data and its emulator is unsure; keep the calls; say what they find.
 
     Weights of a likelihood over the start's say what part of the posterior a place is. Half of the calls are made by
-    the emulated weights, half by the largest that the emulator's own error allows. Returned is by how much the true
+    the emulated weights, half by the largest that the emulator's own error allows. Told is by how much the true
     weights exceed the emulated ones: an emulator that is unsure and right has given up nothing. The text is empty if
     that is little.
     """
@@ -41,6 +41,7 @@ def given_up(known: Known, rng: np.random.Generator) -> str:
     zero = float(np.max(np.where(is_unsure, best, emulated) - by_start))  # of the logarithms of weights
     said, most = np.exp(emulated - by_start - zero), np.exp(best - by_start - zero)[is_unsure]
     elsewhere, said = float(said[~is_unsure].sum()), said[is_unsure]
+    z, by_start = z[is_unsure], by_start[is_unsure]
     if not most.any():  # far below the others
         return ""
     chance = most / most.sum()
@@ -49,9 +50,9 @@ def given_up(known: Known, rng: np.random.Generator) -> str:
     more, weights = np.empty(0), np.empty(0)
     for _ in range(BATCHES):
         different, drawn = np.unique(rng.choice(len(chance), CALLS, p=chance), return_inverse=True)
-        called = Calls.at(known.factor.problem, known.calls.space, z[is_unsure][different])
+        called = Calls.at(known.factor.problem, known.calls.space, z[different])
         known.calls += called
-        true = np.exp(np.minimum(called.answers.ln_likelihood - by_start[is_unsure][different] - zero, LARGEST))
+        true = np.exp(np.minimum(called.answers.ln_likelihood - by_start[different] - zero, LARGEST))
         more = np.append(more, ((true - said[different]) / chance[different])[drawn])
         weights = np.append(weights, (true / chance[different])[drawn])
         whole = max(elsewhere + float(weights.mean()), np.finfo(float).tiny)
