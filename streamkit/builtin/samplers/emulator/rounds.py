@@ -31,6 +31,7 @@ from streamkit.builtin.samplers.emulator.judge.missing import (
     before_a_test,
     blurred,
     new_calls,
+    noise_matters,
     to_be_called,
     with_calls_left,
 )
@@ -86,7 +87,8 @@ class Progress:
     populations
         Samples of it.
     moved, uncertain
-        In standard deviations: since two rounds ago, and by the noise of all calls, see `settled`.
+        In standard deviations: since two rounds ago, and by the noise of all calls, see `settled`; infinite where it is
+        not asked.
     trend
         What the trends of the calls that test all factors would move together; NaN before they are made.
     recall
@@ -251,7 +253,9 @@ class Rounds:
         """Return how far the posterior has moved, what is uncertain, and what is missing before a test."""
         samples = every_so_often(result.samples, 4 * SOME)
         moved = moved_by(known, joint, samples, self._watched(), np.random.default_rng([*seed, 10]))
-        uncertain = uncertain_by(known, samples, self._watched(), np.random.default_rng([*seed, 5]), self._at_once)
+        uncertain, rng = np.inf, np.random.default_rng([*seed, 5])
+        if noise_matters(known, moved):
+            uncertain = uncertain_by(known, samples, self._watched(), rng, self._at_once)
         for each in known:
             mine = samples[:, each.factor.columns]
             each.own_error = own_error_of(each.emulated.unlimited(), mine)
@@ -264,7 +268,8 @@ class Rounds:
             for each in known
         )
         missing = before_a_test(known, samples, moved, uncertain)
-        self._note(f"calls: {rows}; moved {moved:.2f} sd, uncertain by {uncertain:.2f} sd; {missing or 'tested now'}")
+        by_noise = f", uncertain by {uncertain:.2f} sd" if np.isfinite(uncertain) else ""
+        self._note(f"calls: {rows}; moved {moved:.2f} sd{by_noise}; {missing or 'tested now'}")
         return Progress(known, joint, result, moved, uncertain, missing=missing)
 
     def _watched(self) -> IntArray:

@@ -59,6 +59,11 @@ def moves(moved: float, uncertain: float) -> bool:
     return moved >= max(SETTLED, min(uncertain, UNCERTAIN))
 
 
+def noise_matters(known: Sequence[Known], moved: float) -> bool:
+    """Whether it is asked what the noise of the calls moves: not of one factor whose posterior moves by more anyway."""
+    return len(known) > 1 or moved < UNCERTAIN
+
+
 def new_calls(known: Sequence[Known]) -> list[int]:
     """Return how many new calls of each factor a round makes.
 
