@@ -8,6 +8,7 @@ import click
 
 from streamkit import fit, report
 from streamkit.cli.options import FORCE_FILE, TRUST
+from streamkit.sample import SAMPLES
 
 
 @click.command()
@@ -15,11 +16,16 @@ from streamkit.cli.options import FORCE_FILE, TRUST
 @click.option("-o", "--output", type=click.Path(path_type=Path), metavar="FILE|DIR",
               help="File to write: FILE.nc, .csv, .ecsv, .tex or .txt. With --host-likelihood the directory for its "
               "files, by default DIR.")  # fmt: skip
-@click.option("--host-likelihood", is_flag=True,
-              help="Write the likelihood of each stream as a function of the host, in place of samples.")
+@click.option(
+    "--host-likelihood",
+    is_flag=True,
+    help="Write the likelihood of each stream as a function of the host, in place of samples.",
+)
+@click.option("--workers", default=1, show_default=True, type=click.IntRange(1), metavar="N",
+              help="Processes that write the files of --host-likelihood, one file each at a time.")  # fmt: skip
 @TRUST
 @FORCE_FILE
-def export(directory: Path, output: Path | None, host_likelihood: bool, trust: bool, force: bool) -> None:
+def export(directory: Path, output: Path | None, host_likelihood: bool, workers: int, trust: bool, force: bool) -> None:
     """Write a run's samples, without burn-in, in the format of another program.
 
     The suffix of FILE selects the format:
@@ -34,7 +40,7 @@ def export(directory: Path, output: Path | None, host_likelihood: bool, trust: b
     the host, the stream's own parameters integrated out. [data.NAME] kind = "host_likelihood" takes it into other fits.
     """  # noqa: D301  click reads the backspace: a paragraph that is not wrapped
     if host_likelihood:
-        _host_likelihoods(directory, output or directory, trust, force)
+        _host_likelihoods(directory, output or directory, workers, trust, force)
         return
     if output is None:
         raise click.UsageError("Missing option '-o' / '--output'.")
@@ -48,10 +54,14 @@ def export(directory: Path, output: Path | None, host_likelihood: bool, trust: b
     click.echo(results.note())
 
 
-def _host_likelihoods(directory: Path, out: Path, trust: bool, force: bool) -> None:
+def _host_likelihoods(directory: Path, out: Path, workers: int, trust: bool, force: bool) -> None:
     """Write the files of all streams, with a line about each."""
     names = fit.host_likelihood_files(directory, trust)
     report.check_directory(out, names, "a likelihood of the host", force)
     out.mkdir(exist_ok=True)
-    for path, line in fit.write_host_likelihoods(directory, out, trust):
+    note = "The run has no samples: it was not tested."
+    if (directory / SAMPLES).exists():
+        note = fit.load_results(directory, trust=trust).note()
+    for path, line in fit.write_host_likelihoods(directory, out, trust, workers, note):
         click.echo(f"{path}\n{report.paragraph(line, '  ')}")
+    click.echo(note)

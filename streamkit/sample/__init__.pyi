@@ -1,5 +1,6 @@
 from .calls.engines import engine as engine
 from .calls.engines import launcher as launcher
+from .calls.forks import in_forks as in_forks
 from .calls.posterior import Posterior as Posterior
 from .calls.processes import POLL as POLL
 from .calls.processes import CallTimeout as CallTimeout

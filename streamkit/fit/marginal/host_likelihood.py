@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -27,6 +28,7 @@ from streamkit.sample import (
     Storage,
     Workers,
     factor_targets,
+    in_forks,
     one_thread,
     read_weighted,
     stored_streams,
@@ -48,10 +50,14 @@ def host_likelihood_files(directory: Path, trust: bool = False) -> list[str]:
     return [_file(name) for name in load_spec(directory, trust=trust).streams]
 
 
-def write_host_likelihoods(directory: Path, out: Path, trust: bool = False) -> Iterator[tuple[Path, str]]:
+def write_host_likelihoods(
+    directory: Path, out: Path, trust: bool = False, workers: int = 1, note: str = ""
+) -> Iterator[tuple[Path, str]]:
     """Write the likelihood of each stream of a run as a function of the host; yield each file with a line about it.
 
     It follows from the stored calls of a run by a sampler that emulates predictions; the model is not called again.
+    So many ``workers``, which are forks of this process, write a file each; the files do not depend on their number. A
+    ``note`` on what the run's numbers are worth goes into their headers.
 
     Raises StreamkitError for a run by another sampler, a host without free parameters, or too few calls.
     """
@@ -67,9 +73,10 @@ def write_host_likelihoods(directory: Path, out: Path, trust: bool = False) -> I
                              "[potential], [body] and [sun]")  # fmt: skip
     joint = _joint(directory)
     with one_thread():
-        for stream, storage in stored_streams(directory, spec):
-            likelihood = _learned(directory, spec, stream, storage)
-            yield _written(out / _file(stream.name), spec, stream, storage, likelihood, joint)
+        streams = stored_streams(directory, spec)
+        tasks = [partial(_written, directory, out, spec, *each, joint, note) for each in streams]
+        for first in range(0, len(tasks), workers):
+            yield from in_forks(tasks[first : first + workers], workers, lambda: None)
 
 
 def _joint(directory: Path) -> Array | None:
@@ -99,13 +106,10 @@ def _learned(directory: Path, spec: Spec, stream: FactorPosterior, storage: Stor
 
 
 def _written(
-    path: Path,
-    spec: Spec,
-    stream: FactorPosterior,
-    storage: Storage,
-    likelihood: EmulatedLikelihood,
-    joint: Array | None,
+    directory: Path, out: Path, spec: Spec, stream: FactorPosterior, storage: Storage, joint: Array | None, note: str
 ) -> tuple[Path, str]:
+    """Write the file of one stream; return it with a line about it."""
+    path, likelihood = out / _file(stream.name), _learned(directory, spec, stream, storage)
     alone = stream.full.spec
     (part,) = (each for each in spec.parts if each.name == stream.name)
     own = np.isin(alone.names, [spec.names[i] for i in part.own])
@@ -121,7 +125,8 @@ def _written(
     units = {alone.names[i]: alone.units[i] for i in one.shared}
     assumes = {name: value for name, value in host_values(alone.document).items() if name not in units}
     notes = {"calls": len(storage.earlier), "seed": spec.seed, "digest": alone.digest(sampler=False),
-             "version": VERSION, "data": _sources(alone), "assumes": assumes}  # fmt: skip
+             "version": VERSION, "data": _sources(alone), "assumes": assumes,
+             **({"note": note} if note else {})}  # fmt: skip
     save_table(path, table_of(stream.name, units, one, marginal, fitted, notes))
     short = "" if fitted.reach >= WANTED else f", less than the {WANTED:g} that other data in tension with it may need"
     hole = "" if fitted.kept > WHOLE else f", without the {1 - fitted.kept:.0%} of these hosts with no sure integral"

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from astropy.table import Table
 from commands import call
 from runfiles import FIT, several
 
@@ -20,6 +21,10 @@ def spec_of(names, **sampler):
     for name in names:
         document["stream"][name]["stripping"]["particles"] = 200
     return sk.load(document)
+
+
+def note_of(path):
+    return Table.read(path, format="ascii.ecsv").meta["note"]
 
 
 @pytest.fixture(scope="module")
@@ -48,9 +53,10 @@ def test_files_of_two_streams_give_their_joint_posterior(run, tmp_path: Path) ->
 
 @pytest.mark.slow
 def test_the_same_directory_gives_the_same_files(run, tmp_path: Path) -> None:
-    for name in ("first", "second"):
+    """With one process as with two, each of which writes one."""
+    for name, workers in (("first", 1), ("second", 2)):
         (tmp_path / name).mkdir()
-        list(write_host_likelihoods(run[0], tmp_path / name))
+        list(write_host_likelihoods(run[0], tmp_path / name, workers=workers))
     for path in (tmp_path / "first").iterdir():
         assert path.read_bytes() == (tmp_path / "second" / path.name).read_bytes()
 
@@ -66,6 +72,8 @@ def test_a_run_of_one_stream_gives_one_file_without_the_data_of_the_host(tmp_pat
     results = sk.run(document, out=out, workers=1, progress=False, products=False)
     text = in_a_process(lambda: [call("export", str(out), "--host-likelihood", "-o", str(tmp_path)).stdout])[0]
     assert "stream_host.ecsv" in text
+    assert results.note() in " ".join(text.split())
+    assert note_of(tmp_path / "stream_host.ecsv") == results.note()
     spec = sk.load({
         "potential": results.spec.document["potential"], "sun": results.spec.document["sun"],
         "data": {"s": {"kind": "host_likelihood", "table": str(tmp_path / "stream_host.ecsv")}},
