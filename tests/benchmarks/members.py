@@ -57,13 +57,14 @@ GALAXY = {
 STREAMS = {
     "GD-1": Stream(
         "GD1Koposov10", (-60.0, 0.0), (-3.0, 3.0),
-        {"sun": {"r0": "8 kpc", "v_circ": "host", "u": "11.1 km/s", "v": "12.24 km/s", "w": "7.25 km/s"},
-         "potential": {"kind": "logarithmic_halo", "v0": {"uniform": [150, 300]}, "q": {"uniform": [0.6, 1.3]}}},
+        {"sun": GALAXY,
+         "potential": {"preset": "bovy2014", "halo": {
+            "kind": "nfw_triaxial", "mass": {"log_uniform": [1e11, 2e12]}, "rs": 16, "q": {"uniform": [0.6, 1.4]}}}},
         {"mass": "4e3 Msun", "radius": "15 pc", "phi1": "-30 deg", "phi2": {"uniform": [-1, 1]},
          "distance": {"uniform": [6.5, 10.5]}, "pm_phi1_cosphi2": {"uniform": [-16, -9]},
          "pm_phi2": {"uniform": [-6, 0]}, "v_los": {"uniform": [-130, -30]}, "lookback": "3 Gyr"},
         "0.3 km/s", 3.0,
-        {"potential.v0": (216.0, 10.0), "potential.q": (0.914, 0.04), "progenitor.phi2": (0.05, 0.05),
+        {"potential.halo.mass": (5e11, 6e10), "potential.halo.q": (0.9, 0.08), "progenitor.phi2": (0.05, 0.05),
          "progenitor.distance": (8.2, 0.2), "progenitor.pm_phi1_cosphi2": (-12.84, 0.1),
          "progenitor.pm_phi2": (-2.9, 0.1), "progenitor.v_los": (-80.0, 4.0)},
         ("0.30", "0.23", "2.18", "2.49 +- 0.28", "6.13 +- 0.75"),
@@ -101,7 +102,8 @@ STREAMS = {
 LEAST = {  # the least and the most of each dispersion
     "phi2_dispersion": (0.01, 1.0), "cocoon_phi2_dispersion": (0.1, 5.0), "radial_velocity_dispersion": (0.1, 15.0),
     "cocoon_radial_velocity_dispersion": (0.3, 60.0), "pm_phi1_cosphi2_dispersion": (0.01, 1.0),
-    "pm_phi2_dispersion": (0.01, 1.0),
+    "pm_phi2_dispersion": (0.01, 1.0), "cocoon_pm_phi1_cosphi2_dispersion": (0.02, 2.0),
+    "cocoon_pm_phi2_dispersion": (0.02, 2.0),
 }  # fmt: skip
 BOX = 12.0 * 6.0 * 600.0  # (mas/yr)^2 km/s in which the field is even
 LOW, HIGH = np.log(np.transpose(list(LEAST.values())))
@@ -141,7 +143,7 @@ def run_file(stream: Stream, stars: dict[str, list[float]]) -> sk.Spec:
 
 
 class Fit:
-    """The stars with fractions and dispersions u (8,): two logits, and logarithms of dispersions; and their ln L."""
+    """The stars with fractions and dispersions u (10,): two logits, and logarithms of dispersions; and their ln L."""
 
     def __init__(self, stream: Stream, spec: sk.Spec) -> None:
         self.model, self.stars, self.spec = sk.Model(spec), spec.bind(spec.centre()).observable, spec
