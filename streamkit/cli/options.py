@@ -108,5 +108,5 @@ def read_radii(text: str) -> tuple[float, ...]:
     except ValueError:
         values = ()
     if not values or not all(0 < value <= LARGEST for value in values):
-        raise click.UsageError(f"--radii {text!r}: expected numbers between 0 and {LARGEST:g} kpc, such as 8,20,50")
+        raise click.UsageError(f"--radii {text!r}: expected numbers above 0 and up to {LARGEST:g} kpc, such as 8,20,50")
     return values

@@ -92,9 +92,9 @@ def test_a_posterior_has_intervals(finished_run: Path, tmp_path: Path, monkeypat
 @pytest.mark.parametrize(
     ("options", "wanted"),
     [
-        (["--radii", "10,zero"], "expected numbers between 0 and 1e+06 kpc"),
-        (["--radii", "1e300"], "expected numbers between 0 and 1e+06 kpc"),
-        (["--radii", "-1"], "expected numbers between 0 and 1e+06 kpc"),
+        (["--radii", "10,zero"], "expected numbers above 0 and up to 1e+06 kpc"),
+        (["--radii", "1e300"], "expected numbers above 0 and up to 1e+06 kpc"),
+        (["--radii", "-1"], "expected numbers above 0 and up to 1e+06 kpc"),
         (["-o", "host.csv"], "'host.csv'"),
         (["--set", "potential.v=1"], "Did you mean 'potential.v0'?"),
         ([f"--set=progenitor.{name}=0" for name in ("y", "z", "vy", "vz")], "there is no orbit"),

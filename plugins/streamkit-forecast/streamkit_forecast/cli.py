@@ -14,7 +14,7 @@ from streamkit.cli import QUIET, RUN_FILE, SET, apart, directory, load_spec, rea
 @RUN_FILE
 @SET
 @click.option("--run", "run", type=click.Path(exists=True, file_okay=False, path_type=Path), metavar="DIR",
-              help="Forecast at the medians of this finished run of the run file.")  # fmt: skip
+              help="Forecast at the medians of this run of the run file.")  # fmt: skip
 @click.option("--add", "add", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="SURVEYS.toml",
               help="Add data that do not exist yet: one section for each survey.")  # fmt: skip
 @click.option("--radii", metavar="R,R,...", help="Radii in kpc of masses and flattenings; default: 10,20,50.")

@@ -29,7 +29,7 @@ def run(
 ) -> None:  # fmt: skip
     """Make a forecast, write its files, and print its tables; ``values`` are those of --set."""
     check_directory(out, PRODUCTS, "a forecast", force)
-    point = {} if run is None else medians(spec, run)
+    point = {} if run is None else medians(spec, run, quiet)
     surveys = {} if add is None else read_surveys(add)
     given = read_errors(errors)
     at = RADII if radii is None else read_radii(radii)
@@ -39,6 +39,8 @@ def run(
                 spec, point | values, surveys=surveys, radii=at, errors=given, seeds=seeds, workers=workers,
                 where=str(add), done=bar.update,
             )  # fmt: skip
+        for sentence in found.warnings:
+            click.echo(f"warning: {sentence}", err=True)
         products = forecast_products(found, target_of(found, target))
         write_tables(products, out)
         if not quiet:
@@ -50,9 +52,14 @@ def run(
         click.echo(f"streamkit: not drawn: {failed}; everything else is written", err=True)
 
 
-def medians(spec: Spec, directory: Path) -> dict[str, float]:
-    """Return the medians of a finished run by name; SpecError if it has other parameters than the run file."""
+def medians(spec: Spec, directory: Path, quiet: bool) -> dict[str, float]:
+    """Return the medians of a run by name; SpecError if it has other parameters than the run file.
+
+    Whether its numbers may be quoted is said, unless ``quiet``.
+    """
     results = load_results(directory)
+    if not quiet:
+        click.echo(f"{directory}: {results.note()}")
     if other := sorted(set(results.names) ^ set(spec.names)):
         raise SpecError(
             f"{spec.source}: {directory} is a run with other free parameters: {', '.join(other[:3])} is free in one "

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from streamkit import Array, Spec, SpecError
-from streamkit.runfile import DATA, ONLY, Source, as_spec
+from streamkit.runfile import DATA, Source, as_spec
 from streamkit_forecast.coordinates import Coordinates, coordinates_at
 from streamkit_forecast.information import Source as Informed
 from streamkit_forecast.information import covariance, whitened
@@ -18,7 +18,7 @@ from streamkit_forecast.one_more import Gain, gains_of, one_more_of
 from streamkit_forecast.predict import ONE_MORE, Added
 from streamkit_forecast.quantities import Quantity, quantities_at
 from streamkit_forecast.slopes import Search, Slopes, slopes_of
-from streamkit_forecast.surveys import Survey, added_by
+from streamkit_forecast.surveys import Survey, added_by, beyond, called
 
 RADII = (10.0, 20.0, 50.0)  # kpc
 PRIORS, TOGETHER = "priors alone", "all together"
@@ -57,6 +57,8 @@ class Forecast:
         Of each stream, and of the data of the host.
     surveys
         The names of the surveys that were added.
+    warnings
+        Sentences about surveys that are in part where there is no star.
     """
 
     spec: Spec
@@ -64,6 +66,7 @@ class Forecast:
     quantities: list[Quantity]
     slopes: list[Slopes]
     surveys: tuple[str, ...]
+    warnings: tuple[str, ...] = ()
 
     @property
     def parameters(self) -> dict[str, float]:
@@ -109,7 +112,7 @@ class Forecast:
         """By the priors alone, each stream, the data of the host, all together, and all with each survey."""
         chosen = {PRIORS: Chosen(())}
         for one in self.slopes:
-            shown, names = _shown(one.source), {part.name for part in one.parts if part.added}
+            shown, names = called(one.source), {part.name for part in one.parts if part.added}
             if any(not part.added for part in one.parts):
                 chosen[shown] = Chosen((one.source,))
             chosen |= {f"{shown} with {name}": Chosen((one.source,), (name,)) for name in self.surveys if name in names}
@@ -125,10 +128,6 @@ class Forecast:
         """What one more datum at each longitude would give, beside all data of the run file."""
         found = self.covariance()
         return [gain for one in self.slopes for gain in gains_of(one, found, self.quantities)]
-
-
-def _shown(source: str) -> str:
-    return {DATA: "data on the host", ONLY: "the stream"}.get(source, source)
 
 
 def forecast(
@@ -166,8 +165,8 @@ def forecast(
     done
         Called after each call of the model.
 
-    Raises SpecError for a run file without a prior, a wrong name or a point outside the priors; StreamkitError where
-    there is no stream.
+    Raises SpecError for a run file without a prior, a wrong name, a point outside the priors or a survey where there is
+    no star; StreamkitError where there is no stream.
     """
     spec = as_spec(run_file)
     if not spec.names:
@@ -176,6 +175,7 @@ def forecast(
     at = coordinates_at(spec, theta)
     given = dict(surveys or {})
     added = added_by(spec, theta, given, where)
+    warnings = beyond(spec, theta, added, where)
     for name in spec.streams:
         if extra := one_more_of(spec, name, theta, dict(errors or {})):
             added.setdefault(name, {})[ONE_MORE] = extra
@@ -194,7 +194,8 @@ def forecast(
     def together(slopes: list[Slopes]) -> Array:
         return Forecast(spec, at, quantities, slopes, tuple(given)).covariance(Chosen(None, tuple(given)))
 
-    return Forecast(spec, at, quantities, slopes_of(searches, together, seeds, workers, done), tuple(given))
+    slopes = slopes_of(searches, together, seeds, workers, done)
+    return Forecast(spec, at, quantities, slopes, tuple(given), tuple(warnings))
 
 
 def _is_measured(spec: Spec, source: str, added: Added) -> bool:

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from streamkit import Angle, Array, Frame, Length, Number, Observable, ProperMotion, Spec, SpecError, Speed
+from streamkit import Angle, Array, Frame, Length, Model, Number, Observable, ProperMotion, Spec, SpecError, Speed
 from streamkit.errors import brief, nearest
-from streamkit.runfile import StreamInputs, read_toml
+from streamkit.runfile import DATA, ONLY, StreamInputs, read_toml
 from streamkit_forecast.predict import Added
 
 PLACEHOLDER = {"distance": 10.0}  # values of the columns in which 0 is none
@@ -104,6 +104,31 @@ def added_by(spec: Spec, theta: Array, surveys: Mapping[str, Survey], where: str
                 stars=survey.errors.by_column() if survey.stars else (), own=own, where=f"{where}: {name}",
             )  # fmt: skip
     return added
+
+
+def beyond(spec: Spec, theta: Array, added: Added, where: str) -> list[str]:
+    """Say which surveys are in part where their stream has no star; SpecError for one that is all there."""
+    model, bound, found = Model(spec), spec.bind_all(theta), []
+    for stream, surveys in added.items():
+        made, _ = model.observe(bound.streams[stream])
+        for name, survey in surveys.items():
+            phi1: Array = np.asarray(survey.table["phi1"])  # type: ignore[attr-defined]  it is a track
+            middle = phi1.mean()
+            lon = made.seen(survey.frame).lon[~made.bound]  # type: ignore[attr-defined]
+            away = (lon - middle + 180) % 360 - 180
+            low, high = middle + away.min(), middle + away.max()
+            lost = int(np.sum((phi1 < low) | (phi1 > high)))
+            text = f"{name}: {lost} of {len(phi1)} longitudes are where {called(stream)} has no star: it reaches from "
+            text += f"{low:.0f} to {high:.0f} deg"
+            if lost == len(phi1):
+                raise SpecError(f"{where}: {text}")
+            found += [f"{text}, and beyond, its lines are extrapolated"] if lost else []
+    return found
+
+
+def called(source: str) -> str:
+    """Return what tables and messages call a stream, or the host."""
+    return {DATA: "data on the host", ONLY: "the stream"}.get(source, source)
 
 
 def own_track(inputs: StreamInputs) -> Observable | None:

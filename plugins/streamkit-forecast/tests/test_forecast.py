@@ -300,6 +300,7 @@ def test_the_command_writes_tables_and_a_picture(tmp_path, monkeypatch):
     ("[a]\nphi1 = [0, 1]\nstars = 4\nerrors = { phi2 = '1 kpc' }", "a.errors.phi2: .*expected a quantity in deg"),
     ("[a]\nphi1 = [0, 1]\nstars = 4\nerrors = { phi2 = -1 }", "a.errors.phi2: .*greater than 0"),
     ("[a]\nphi1 = [0, 1]\nstars = 4\nerrors = {}", "nothing is measured"),
+    ("[a]\nphi1 = [-179, -150]\nstars = 4\nerrors = { phi2 = 1 }", "a: 4 of 4 longitudes are where the stream has no"),
     ("[a]\nstream = 'gd1'\nphi1 = [0, 1]\nstars = 4\nerrors = { phi2 = 1 }", "no stream is called 'gd1'"),
 ])  # fmt: skip
 def test_a_survey_that_is_none_is_refused_with_its_place(of_track, tmp_path, survey, message):
@@ -310,7 +311,7 @@ def test_a_survey_that_is_none_is_refused_with_its_place(of_track, tmp_path, sur
 
 @pytest.mark.parametrize(("arguments", "message"), [
     (["--set", "potential.q=1.0"], "potential.q: found 1, which is not inside its prior"),
-    (["--radii", "10,-2"], "expected numbers between 0 and 1e.06 kpc"),
+    (["--radii", "10,-2"], "expected numbers above 0 and up to 1e.06 kpc"),
     (["--error", "velocity=2"], "no column is called 'velocity'"),
     (["--error", "radial_velocity=2kpc"], "--error radial_velocity: expected a quantity in .*, found '2kpc'. See"),
     (["--target", "M(<21 kpc)"], r"--target 'M\(<21 kpc\)': nothing is called so. Did you mean 'M\(<20 kpc\)'"),
