@@ -108,7 +108,8 @@ class Unit:
             with np.errstate(all="ignore"):
                 number = float(quantity.to_value(target))
         except u.UnitConversionError:
-            raise ValueError(f"expected a quantity in {self.label} or a unit like it, found {str(value)!r}") from None
+            unit = f"a quantity in {self.name} or a unit like it" if self.name else "a number without a unit"
+            raise ValueError(f"expected {unit}, found {str(value)!r}") from None
         return _sized(number)
 
     @property

@@ -160,7 +160,7 @@ def _parsed(name: str, raw: bytes) -> tuple[Table, Table | None]:
     if not raw.strip():
         raise ValueError(f"{name!r} is empty; expected a table in the format {suffix[1:].upper()}")
     try:  # astropy takes a text without the end of a line for the name of a file
-        content: Any = io.BytesIO(raw) if suffix.startswith(".fit") else raw.decode() + "\n"
+        content: Any = io.BytesIO(raw) if suffix.startswith(".fit") else raw.decode("utf-8-sig") + "\n"
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             table = Table.read(content, format=FORMATS[suffix])

@@ -72,12 +72,14 @@ def flights_past(inputs: StreamInputs, host: Host, track: Orbit) -> list[Flight]
     with np.errstate(all="ignore"):  # orbits that are not finite are refused below
         orbits = field.orbits(times, q, v, track.t)
     flights = []
-    for flyby, orbit, time, point, (_, velocity) in zip(flybys, orbits, times, points, states, strict=True):
+    for name, flyby, orbit, time, point, (_, velocity) in zip(
+        inputs.flybys, flybys, orbits, times, points, states, strict=True
+    ):
         if not (np.isfinite(orbit.q).all() and np.isfinite(orbit.v).all()):
-            raise OutOfDomain("the orbit of a body that flies by is not finite")
+            raise OutOfDomain(f"body {name}: its orbit is not finite")
         speed = float(np.linalg.norm(velocity - point[1]))
         if not speed > 0:
-            raise OutOfDomain("a body that flies by has no velocity relative to the stream")
+            raise OutOfDomain(f"body {name}: it has no velocity relative to the stream")
         size = max(flyby.extent, SMALLEST)
         duration = float(np.hypot(flyby.encounter.impact_parameter, size)) / speed
         flights.append(Flight(flyby.potential, orbit, float(time), duration, size))

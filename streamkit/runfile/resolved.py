@@ -232,7 +232,7 @@ class Resolved(ABC):
         if path not in paths and not (renewed and parent in tables):
             shared = path.partition(".")
             hint = f" For all streams: {EVERY}{shared[2]}." if shared[0] == DEFAULTS else nearest(path, paths)
-            hint = hint or f" Sections: {', '.join(tables)}."
+            hint = hint or f" Sections: {', '.join(dict.fromkeys(tables))}."
             raise SpecError(f"{self.source}: there is no field {path!r}.{hint}")
 
     def components(self) -> list[tuple[str, type[Component], str]]:

@@ -17,6 +17,8 @@ SECTIONS = ("progenitor", "stripping", "observable")  # the sections of each str
 # Fields that may stand once, above the sections of a stream, and the sections that take them.
 ABOVE = {"frame": ("progenitor", "observable"), "table": ("observable",)}
 KEYS = (*SECTIONS, *ABOVE)
+# What a run file has beside its streams, and a file of one stream has not.
+SHARED = {"version", "seed", "sun", "potential", "body", "data", "integrator", "likelihood", "sampler", "stream"}
 
 Table = dict[str, Any]
 Place = tuple[str, ...]  # of a section or a field below its stream: ("observable", "kernel")
@@ -99,11 +101,14 @@ class StreamTables:
         self.tables[name] = copy.deepcopy(table)
 
     def _check_keys(self, table: Mapping[str, Any], path: str) -> None:
-        self.errors += [
-            f"{path}.{key}: no section of a stream.{nearest(key, KEYS)} Allowed: {', '.join(KEYS)}."
-            for key in table
-            if key not in KEYS
-        ]
+        for key in table:
+            if key in SHARED:
+                where = "the run file that has the streams"
+                self.errors.append(f"{path}.{key}: all streams share it; move it into {where}, or leave it out")
+            elif key not in KEYS:
+                self.errors.append(
+                    f"{path}.{key}: a stream has no such section.{nearest(key, KEYS)} Allowed: {', '.join(KEYS)}."
+                )
 
     def fill(self, defaults: Mapping[str, Any], fields_of: FieldsOf) -> None:
         """Give every stream the defaults that fit it; a default that fits no stream is an error.

@@ -68,6 +68,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     table.write(tmp_path / "v.ecsv")
     table.write(tmp_path / "v.fits")
     table.write(tmp_path / "v.csv")
+    (tmp_path / "marked.csv").write_bytes(b"\xef\xbb\xbf" + (tmp_path / "v.csv").read_bytes())  # as Excel writes it
     np.save(tmp_path / "v.npy", SPEEDS)
     np.save(tmp_path / "grid.npy", np.arange(6).reshape(2, 3))
     monkeypatch.chdir(tmp_path)
@@ -87,6 +88,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         {"file": "v.ecsv", "column": "R_pc"},
         {"file": "v.fits", "column": "R_pc"},
         {"file": "v.csv", "column": "R", "unit": "kpc"},
+        {"file": "marked.csv", "column": "R", "unit": "kpc"},
         {"file": "v.csv", "column": "R_pc", "unit": "pc"},
     ],
     ids=str,

@@ -7,6 +7,7 @@ import pytest
 from astropy import units as u
 from scipy import integrate, stats
 
+from streamkit.builtin.potentials.bar import Bar
 from streamkit.runfile import LogUniform, Normal, Prior, TruncatedNormal, Uniform
 from streamkit.runfile.priors import PRIORS, parse, usage
 from streamkit.units import GYR, Unit, spelled, unit_called
@@ -21,6 +22,13 @@ CASES = [
     (TruncatedNormal(0.0, 1.0, 5.0, math.inf), stats.truncnorm(5.0, np.inf, 0.0, 1.0)),
     (TruncatedNormal(0.0, 1.0, -math.inf, -6.0), stats.truncnorm(-np.inf, -6.0, 0.0, 1.0)),
 ]
+
+
+def test_a_bar_reads_its_pattern_speed_with_a_unit() -> None:
+    assert Bar(**Bar.example | {"pattern_speed": "-35 km/s/kpc"}).pattern_speed == -35
+    assert Bar(**Bar.example | {"pattern_speed": "-0.035 km/s/pc"}).pattern_speed == pytest.approx(-35)
+    with pytest.raises(ValueError, match=r"expected a quantity in km/\(s kpc\) or a unit like it, found '3 km'"):
+        Bar(**Bar.example | {"pattern_speed": "3 km"})
 
 
 def test_the_unit_of_pattern_speeds_is_read_without_a_remark_of_astropy() -> None:

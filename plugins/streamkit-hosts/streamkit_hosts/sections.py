@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from streamkit import Array, StreamkitError
-from streamkit.report import save_table
+from streamkit import Array
+from streamkit.report import check_target, save_table
 from streamkit_hosts.agama import Host
 from streamkit_hosts.expansion import tabulated
 from streamkit_hosts.table import PRECISION, check_rows
@@ -92,14 +93,21 @@ def section_lines(
     lines += [f"{name} = {_inline(value)}" for name, value in (fields or {}).items()]
     lines += [f"tolerance = {tolerance}"] if file else []
     if len(times) > 1:
-        lines.append(f"# known from {times[0]:.4g} Gyr: progenitor.lookback may be up to {-times[0]:.4g}")
+        known = _rounded_down(-times[0])
+        lines.append(f"# known from {-known:g} Gyr: progenitor.lookback may be up to {known:g}")
     return lines
 
 
+def _rounded_down(number: float) -> float:
+    """Return a positive number with four digits that is not larger."""
+    last = 10.0 ** (3 - math.floor(math.log10(number)))
+    return math.floor(number * last) / last
+
+
 def check_free(files: Sequence[Path], force: bool) -> None:
-    """Raise StreamkitError if a file is there already, unless it may be replaced."""
-    if there := [file for file in files if file.exists() and not force]:
-        raise StreamkitError(f"{there[0]} exists: give another --output, or --force to replace it")
+    """Raise StreamkitError for a file that is no ECSV table by its suffix, has no directory or may not be replaced."""
+    for file in files:
+        check_target(file, (".ecsv",), "--output", force)
 
 
 def _names(hosts: Sequence[Host]) -> list[str]:

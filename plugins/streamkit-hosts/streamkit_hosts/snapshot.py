@@ -61,8 +61,17 @@ def _particles(path: Path, data: Any, types: Sequence[int]) -> Particles:
     masses = np.concatenate([each for _, each in parts]) if parts else np.zeros(0)
     if not len(q) <= MOST_PARTICLES:
         raise StreamkitError(f"{path}: has {len(q)} particles; expected at most {MOST_PARTICLES}: choose with --type")
-    if not (len(q) and np.isfinite(q).all() and np.isfinite(masses).all() and (masses >= 0).all() and masses.any()):
-        raise StreamkitError(f"{path}: expected particles with finite places and masses, found {len(q)} particles")
+    if not len(q):
+        raise StreamkitError(f"{path}: there is no particle")
+    for what, bad in (
+        ("a place that is not finite", ~np.isfinite(q).all(axis=1)),
+        ("a mass that is not finite", ~np.isfinite(masses)),
+        ("a negative mass", masses < 0),
+    ):
+        if bad.any():
+            raise StreamkitError(f"{path}: {bad.sum()} of {len(q)} particles have {what}, the first is {bad.argmax()}")
+    if not masses.any():
+        raise StreamkitError(f"{path}: the masses of all {len(q)} particles are 0")
     time = _number(path, attributes, "Time") * length / speed / GYR
     return Particles(path, time, np.ascontiguousarray(q.T) * length, masses * mass)
 

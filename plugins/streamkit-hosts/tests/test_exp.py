@@ -298,4 +298,4 @@ def test_the_command_makes_a_host_and_its_look_back_time_ends_with_the_file(fold
         sk.load(path)
     again = CliRunner().invoke(main, ["import-host", *words, "-o", str(table)])
     assert again.exit_code != 0
-    assert "exists: give another --output" in again.output
+    assert "the file exists; add --force to replace it" in again.output

@@ -6,6 +6,7 @@ import pytest
 from click.testing import CliRunner
 from streamkit_hosts import expand
 from streamkit_hosts.multipoles import names, of_particles
+from streamkit_hosts.sections import section_lines
 
 import streamkit as sk
 from streamkit.cli.main import main
@@ -114,6 +115,17 @@ def test_a_galaxy_that_falls_moves_along_its_path(tmp_path):
     again = CliRunner().invoke(main, words)
     assert again.exit_code != 0
     assert "exists" in again.output
+    for name, said in (("halo.fits", "must be one of .ecsv"), ("none/halo.ecsv", "does not exist")):
+        refused = CliRunner().invoke(main, [*words[:-1], str(tmp_path / name)])
+        assert refused.exit_code != 0
+        assert said in refused.output
+
+
+@pytest.mark.parametrize("first", [-3.00184, -1.95558, -3.0, -0.99996])
+def test_the_look_back_time_that_is_told_is_known(first):
+    line = section_lines("potential", "multipole", None, np.array([first, 0.0]), tolerance="1")[-1]
+    told = float(line.split()[-1])
+    assert -first * 0.999 < told <= -first
 
 
 @pytest.mark.slow  # the orders of its expansion are compiled
@@ -147,7 +159,7 @@ def test_a_single_snapshot_is_a_host_at_rest(snapshots):
         pytest.param({"Time": np.nan}, "Time: expected a number", id="time"),
         pytest.param({"units": {}}, "has no attribute UnitLength_in_cm", id="units"),
         pytest.param({"n": 500}, "has 500 particles; expected 10000 or more", id="few"),
-        pytest.param({"shift": np.nan}, "expected particles with finite places", id="NaN"),
+        pytest.param({"shift": np.nan}, "10000 of 10000 particles have a place that is not finite", id="NaN"),
     ],
 )
 def test_what_cannot_be_used_is_told(tmp_path, change, said):

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
-from streamkit import Angle, Coordinate, G, Length, Number, Potential, Symbol, TotalMass, sqrt
+from streamkit import Angle, Coordinate, G, Length, Potential, Symbol, TotalMass, Unit, sqrt
 
 
 class Bar(Potential):
@@ -31,8 +31,8 @@ class Bar(Potential):
         default=0.0, ge=0, description="Softening within the plane: the bar's thickness there."
     )
     c: Annotated[Length, Symbol("$c$")] = Field(description="Softening in height.")
-    pattern_speed: Annotated[Number, Symbol(r"$\Omega_{\rm b}$")] = Field(
-        description="Pattern speed in km/s/kpc, positive from x towards y."
+    pattern_speed: Annotated[float, Unit("km/(s kpc)"), Symbol(r"$\Omega_{\rm b}$")] = Field(
+        description="Pattern speed, positive from x towards y."
     )
     angle: Annotated[Angle, Symbol(r"$\phi_{\rm b}$")] = Field(
         default=0.0, description="Direction of the bar today, from x towards y."

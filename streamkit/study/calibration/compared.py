@@ -95,7 +95,8 @@ def check_truth(spec: Spec, truth: Spec) -> None:
         raise StreamkitError(f"{truth.source}: has none of the parameters of the fit, whose host is fixed")
     if lost := [path for path in ours if path not in theirs]:
         raise StreamkitError(
-            f"{truth.source}: has no section {lost[0]}, of which the fit needs mock data; found {', '.join(theirs)}"
+            f"{truth.source}: the truth needs a section {lost[0]} as the fit has it, to make its mock data; found "
+            f"{', '.join(theirs) or 'no observable and no data'}"
         )
     if other := [path for path, kind in ours.items() if theirs[path] != kind]:
         raise StreamkitError(

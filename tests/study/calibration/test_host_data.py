@@ -104,7 +104,7 @@ def test_noise_beyond_zero_is_told():
 
 def test_a_truth_without_the_data_is_refused():
     spec = host(sun=NOTHING_LIKE_IT)
-    with pytest.raises(sk.StreamkitError, match=r"has no section data\.sun, of which the fit needs mock data"):
+    with pytest.raises(sk.StreamkitError, match=r"the truth needs a section data\.sun as the fit has it"):
         draw_mock(spec, host(curve=CURVE), 0)
 
 

@@ -103,7 +103,7 @@ def test_draws_at_other_radii_are_not_continued(spec, halo, made, tmp_path):
 @pytest.mark.parametrize(
     ("change", "text"),
     [
-        ({"stream": {"a": {}}}, r"has no section observable, of which the fit needs mock data; found stream\.a\.obs"),
+        ({"stream": {"a": {}}}, r"a section observable as the fit has it, to make its mock data; found stream\.a\.obs"),
         ({"potential": {"kind": "nfw", "mass": "1e12 Msun", "rs": "20 kpc"}}, "has none of the parameters of the fit"),
     ],
 )
