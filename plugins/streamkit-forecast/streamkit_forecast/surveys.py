@@ -13,7 +13,20 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from streamkit import Angle, Array, Frame, Length, Model, Number, Observable, ProperMotion, Spec, SpecError, Speed
+from streamkit import (
+    Angle,
+    Array,
+    Frame,
+    Length,
+    Model,
+    Number,
+    Observable,
+    OutOfDomain,
+    ProperMotion,
+    Spec,
+    SpecError,
+    Speed,
+)
 from streamkit.errors import brief, nearest
 from streamkit.runfile import DATA, ONLY, StreamInputs, read_toml
 from streamkit_forecast.predict import Added
@@ -107,22 +120,29 @@ def added_by(spec: Spec, theta: Array, surveys: Mapping[str, Survey], where: str
 
 
 def beyond(spec: Spec, theta: Array, added: Added, where: str) -> list[str]:
-    """Say which surveys are in part where their stream has no star; SpecError for one that is all there."""
+    """Say which surveys are in part where their stream has no star; SpecError for one that is all there.
+
+    A stream that cannot be made, or without debris, is said where its slopes are taken.
+    """
     model, bound, found = Model(spec), spec.bind_all(theta), []
     for stream, surveys in added.items():
-        made, _ = model.observe(bound.streams[stream])
+        try:
+            made, _ = model.observe(bound.streams[stream])
+        except OutOfDomain:
+            continue
+        if made.bound.all():
+            continue
         for name, survey in surveys.items():
-            phi1: Array = np.asarray(survey.table["phi1"])  # type: ignore[attr-defined]  it is a track
-            middle = phi1.mean()
-            lon = made.seen(survey.frame).lon[~made.bound]  # type: ignore[attr-defined]
-            away = (lon - middle + 180) % 360 - 180
-            low, high = middle + away.min(), middle + away.max()
-            lost = int(np.sum((phi1 < low) | (phi1 > high)))
-            text = f"{name}: {lost} of {len(phi1)} longitudes are where {called(stream)} has no star: it reaches from "
-            text += f"{low:.0f} to {high:.0f} deg"
+            like: Any = survey  # it is a track
+            phi1, lon = np.asarray(like.table["phi1"]), np.sort(made.seen(like.frame).lon[~made.bound])
+            around, x = np.concatenate([lon - 360, lon, lon + 360]), (phi1 + 180) % 360 - 180
+            after = np.searchsorted(around, x)
+            lost = int(np.sum(np.minimum(x - around[after - 1], around[after] - x) > like.kernel))
+            text = f"{name}: {lost} of {len(phi1)} longitudes have no star of {called(stream)} within "
+            text += f"{like.kernel:g} deg: it reaches from {lon[0]:.0f} to {lon[-1]:.0f} deg"
             if lost == len(phi1):
                 raise SpecError(f"{where}: {text}")
-            found += [f"{text}, and beyond, its lines are extrapolated"] if lost else []
+            found += [f"{text}, and its lines are extrapolated there"] if lost else []
     return found
 
 

@@ -300,7 +300,7 @@ def test_the_command_writes_tables_and_a_picture(tmp_path, monkeypatch):
     ("[a]\nphi1 = [0, 1]\nstars = 4\nerrors = { phi2 = '1 kpc' }", "a.errors.phi2: .*expected a quantity in deg"),
     ("[a]\nphi1 = [0, 1]\nstars = 4\nerrors = { phi2 = -1 }", "a.errors.phi2: .*greater than 0"),
     ("[a]\nphi1 = [0, 1]\nstars = 4\nerrors = {}", "nothing is measured"),
-    ("[a]\nphi1 = [-179, -150]\nstars = 4\nerrors = { phi2 = 1 }", "a: 4 of 4 longitudes are where the stream has no"),
+    ("[a]\nphi1 = [-179, -150]\nstars = 4\nerrors = { phi2 = 1 }", "a: 4 of 4 longitudes have no star of the"),
     ("[a]\nstream = 'gd1'\nphi1 = [0, 1]\nstars = 4\nerrors = { phi2 = 1 }", "no stream is called 'gd1'"),
 ])  # fmt: skip
 def test_a_survey_that_is_none_is_refused_with_its_place(of_track, tmp_path, survey, message):
