@@ -15,6 +15,7 @@ from streamkit.sample import first_call
 from streamkit.stream import Prediction
 from streamkit.study.preflight.data_warnings import data_warnings, sign_warnings
 from streamkit.study.preflight.draws import Cost, PriorDraws, observe, search_cost, time_call, try_prior_draws
+from streamkit.study.preflight.knot_warnings import knot_warnings
 from streamkit.study.preflight.orbit import OrbitSummary, summarise_orbit
 from streamkit.study.preflight.warnings import (
     conformance_warnings,
@@ -104,6 +105,7 @@ def run_preflight(spec: Spec, *, draws: int = 64, progress: bool = False) -> Pre
     warnings += sign_warnings(spec, trials)
     warnings += mass_warnings(spec, bound)
     warnings += moved_twice_warnings(spec, bound)
+    warnings += knot_warnings(spec, bound)
     warnings += prior_warnings(spec, bound, tried)
     warnings += [f"This run file cannot be fitted: {unfit}."] if unfit else spec.sampler.advice(len(spec.names))
     warnings += sun_warnings(bound.sun)

@@ -16,6 +16,7 @@ from streamkit.builtin.observables.apocentres.observable import Apocentres
 from streamkit.runfile import Sun
 from streamkit.study.preflight import describe_preflight, run_preflight
 from streamkit.study.preflight.draws import PriorDraws, time_call, try_prior_draws
+from streamkit.study.preflight.knot_warnings import knot_warnings
 from streamkit.study.preflight.orbit import summarise_orbit
 from streamkit.study.preflight.warnings import orbit_warnings, prior_warnings, sun_warnings
 
@@ -316,3 +317,22 @@ def test_a_body_that_cannot_be_followed_further_ends_the_look_back_alone() -> No
     whole["progenitor"]["lookback"] = 2.0
     with pytest.raises(sk.OutOfDomain, match="the body in passes too near the Galactic centre"):
         sk.Model(sk.load(whole)).stream()
+
+
+@pytest.mark.parametrize(
+    ("times", "free", "text"),
+    [
+        ([-2, 0], 0, ""),
+        ([-2, 0], 1, ""),
+        ([-3, -2, 0], 0, "potential.v0.values.0 is its value at -3 Gyr, and the streams begin at -2 Gyr."),
+        ([-3, -1, 0], 0, ""),
+        ([0, 3], 1, "potential.v0.values.1 is its value at 3 Gyr, which is to come: the past is negative."),
+        ([-1, 3], 1, ""),
+    ],
+)
+def test_a_free_knot_that_acts_at_no_time_of_a_stream_is_told(times: list[float], free: int, text: str) -> None:
+    values: list[Any] = [220.0] * len(times)
+    values[free] = {"uniform": [180, 260]}
+    host = {"kind": "logarithmic_halo", "v0": {"times": times, "values": values}}
+    spec = sk.load(document(host, (8.0, 0.0, 6.0), (20.0, 200.0, 30.0)))
+    assert knot_warnings(spec, spec.bind_all(spec.centre())) == ([text] if text else [])
