@@ -8,7 +8,6 @@ import click
 
 from streamkit import fit, report
 from streamkit.cli.options import FORCE_FILE, TRUST
-from streamkit.sample import SAMPLES
 
 
 @click.command()
@@ -56,6 +55,8 @@ def export(directory: Path, output: Path | None, host_likelihood: bool, workers:
 
 def _host_likelihoods(directory: Path, out: Path, workers: int, trust: bool, force: bool) -> None:
     """Write the files of all streams, with a line about each."""
+    from streamkit.sample import SAMPLES  # it imports h5py, which `--help` does not need
+
     names = fit.host_likelihood_files(directory, trust)
     report.check_directory(out, names, "a likelihood of the host", force)
     out.mkdir(exist_ok=True)

@@ -253,7 +253,7 @@ BAD = {
     "parameter": (HALO | {"am": 1}, "galpy's NFWPotential has no parameter 'am'. Did you mean 'amp'?"),
     "model's": ({"name": "MWPotential2014", "amp": 1}, "galpy's MWPotential2014 has no parameter 'amp'"),
     "unit": (HALO | {"a": "8 km/s"}, "potential.a: expected a quantity in kpc"),
-    "number": ({"name": "LogarithmicHaloPotential", "q": "1 kpc"}, "potential.q: expected a quantity in no unit"),
+    "number": ({"name": "LogarithmicHaloPotential", "q": "1 kpc"}, "potential.q: expected a number without a unit"),
     "object": ({"name": "AnySphericalPotential", "dens": 1}, "takes a Python object for 'dens'"),
     "wrapper": ({"name": "DehnenSmoothWrapperPotential"}, "potential: pot_name: missing; galpy's DehnenSmoothWrapper"),
     "wrapped": ({"name": "DehnenSmoothWrapperPotential", "pot_name": "NFWPotentail"}, "Did you mean 'NFWPotential'?"),
