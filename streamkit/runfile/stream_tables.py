@@ -11,14 +11,13 @@ from streamkit.errors import SpecError, nearest
 from streamkit.runfile.document import read_toml
 from streamkit.runfile.inputs import ONLY
 from streamkit.runfile.progenitor import OTHER_NAMES
+from streamkit.runfile.settings import RunFile
 
 DEFAULTS = "stream_defaults"  # the section of what all streams share
 SECTIONS = ("progenitor", "stripping", "observable")  # the sections of each stream where there are several
 # Fields that may stand once, above the sections of a stream, and the sections that take them.
 ABOVE = {"frame": ("progenitor", "observable"), "table": ("observable",)}
 KEYS = (*SECTIONS, *ABOVE)
-# What a run file has beside its streams, and a file of one stream has not.
-SHARED = {"version", "seed", "sun", "potential", "body", "data", "integrator", "likelihood", "sampler", "stream"}
 
 Table = dict[str, Any]
 Place = tuple[str, ...]  # of a section or a field below its stream: ("observable", "kernel")
@@ -101,11 +100,11 @@ class StreamTables:
         self.tables[name] = copy.deepcopy(table)
 
     def _check_keys(self, table: Mapping[str, Any], path: str) -> None:
-        for key in table:
-            if key in SHARED:
-                where = "the run file that has the streams"
-                self.errors.append(f"{path}.{key}: all streams share it; move it into {where}, or leave it out")
-            elif key not in KEYS:
+        for key in (key for key in table if key not in KEYS):
+            if key in RunFile.model_fields:
+                top = "the run file that has the streams, to its top level"
+                self.errors.append(f"{path}.{key}: all streams share it; move it into {top}, or leave it out")
+            else:
                 self.errors.append(
                     f"{path}.{key}: a stream has no such section.{nearest(key, KEYS)} Allowed: {', '.join(KEYS)}."
                 )

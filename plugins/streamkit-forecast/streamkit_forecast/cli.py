@@ -40,7 +40,7 @@ def forecast(
     surveys. A table and a picture show what one more datum along each stream would give.
 
     The forecast is made where the priors have their centre. A number that --set gives to a free parameter moves it
-    there, and the parameter stays free; --run takes the medians of a finished run.
+    there, and the parameter stays free; --run takes the medians of a run.
     """
     from streamkit_forecast import command
 

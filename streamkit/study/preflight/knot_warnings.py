@@ -2,28 +2,25 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
-from streamkit.fields import times_of
 from streamkit.runfile import ModelInputs, Spec
 
 
 def knot_warnings(spec: Spec, bound: ModelInputs) -> list[str]:
-    """Return a warning for each free knot in time that acts at no time of a stream: its prior decides it alone."""
+    """Return a warning for each free knot in time that is beyond the times of all streams, with its neighbour.
+
+    Such a knot acts by the slope at its neighbour at most.
+    """
     begin = -max((inputs.lookback for inputs in bound.streams.values()), default=np.inf)
     warnings = []
-    for name in spec.names:
-        path, is_knot, number = name.partition(".values.")
-        if not is_knot:
-            continue
-        table: Any = spec.document
-        for key in path.split("."):
-            table = table[int(key) if isinstance(table, list) else key]
-        times, k = times_of(table), int(number)
-        if k > 0 and times[k - 1] >= 0:
-            warnings.append(f"{name} is its value at {times[k]:g} Gyr, which is to come: the past is negative.")
-        elif k + 1 < len(times) and times[k + 1] <= begin:
-            warnings.append(f"{name} is its value at {times[k]:g} Gyr, and the streams begin at {begin:g} Gyr.")
+    for section in spec.sections.all:
+        for field, knots in section.knots.items():
+            times, paths = knots.centre.times, knots.paths(field)
+            for k in knots.priors:
+                what = f"{section.path}.{paths[k]} is its value at {times[k]:g} Gyr"
+                if k > 0 and times[k - 1] >= 0:
+                    warnings.append(f"{what}, which is to come: the past is negative.")
+                elif k + 1 < len(times) and times[k + 1] <= begin:
+                    warnings.append(f"{what}, and the streams begin at {begin:g} Gyr.")
     return warnings
