@@ -111,11 +111,16 @@ def foot(a, b, c, d, e, f):
 @helper
 def approach(forces, b, begin, end, lanes, closest, centre, path):
     """Store in `closest` and in path (9,) what `nearest` does, for trajectory b and lanes [begin, end) of one time."""
-    t, span = rest(lanes, T), rest(lanes, H)
-    for k in range(3):
-        centre_at(forces, b, t[begin] + 0.5 * k * span[begin], centre)
-        path[3 * k], path[3 * k + 1], path[3 * k + 2] = centre[0], centre[1], centre[2]
+    follow(forces, b, lanes[T + begin], lanes[H + begin], centre, path)
     nearest(begin, end, lanes, path, closest)
+
+
+@helper
+def follow(forces, b, t, duration, centre, path):
+    """Store in path (9,) where trajectory b is at a time, half a duration later, and a whole one later."""
+    for k in range(3):
+        centre_at(forces, b, t + 0.5 * k * duration, centre)
+        path[3 * k], path[3 * k + 1], path[3 * k + 2] = centre[0], centre[1], centre[2]
 
 
 @helper

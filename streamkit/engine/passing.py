@@ -4,8 +4,8 @@ Such a body is far from most particles for most of the time, and its force chang
 distance. Kicks by the bodies stand between steps of the other forces (Tuckerman, Berne & Martyna 1992, J. Chem. Phys.
 97, 1990), which saves four fifths of the evaluations. The error is of second order in the step, of the force of the
 body alone. Each body kicks as often as its own passage asks for: one that is far away, or too light to be noticed,
-kicks at the beginning and at the end of a block, while another one kicks the same particle hundreds of times. What one
-particle asks for does not depend on the others.
+kicks once in the middle of a block, while another one kicks the same particle hundreds of times. What one particle asks
+for does not depend on the others.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from streamkit.engine.forces import (
     call_kernel,
     positions_about,
 )  # fmt: skip
-from streamkit.engine.levels import approach, foot, nearest
+from streamkit.engine.levels import approach, follow, foot, nearest
 from streamkit.engine.steps import A, H, T, V
-from streamkit.engine.views import axes_view, fill, rest, row_view, view
+from streamkit.engine.views import axes_view, fill, largest, rest, row_view, view
 from streamkit.stream import Array, IntArray
 
 PASSING = 0.4  # longest step near a body, in units of the time in which it crosses its distance
@@ -104,29 +104,37 @@ def _look_for_passages(passing, most, uniform, m, lanes, closest, other, centre,
     """
     forces, u, t, span, a = passing.forces, rest(lanes, V), rest(lanes, T), rest(lanes, H), rest(lanes, A)
     crossing, bending, noticed = PASSING**-4, BENDING**-4, 4.0 / NOTICED**2
-    v, missed, span4 = rest(other, 5 * ROW), view(other, 8 * ROW, 8 * ROW + m), view(other, 9 * ROW, 9 * ROW + m)
-    for k in range(3):
-        u_i, a_i, v_i = view(u, k * ROW, k * ROW + m), view(a, k * ROW, k * ROW + m), view(v, k * ROW, k * ROW + m)
-        for i in range(m):
-            v_i[i] = u_i[i] + 0.5 * span[i] * a_i[i]
+    missed, span4 = view(other, 8 * ROW, 8 * ROW + m), view(other, 9 * ROW, 9 * ROW + m)
+    initial2, pull2 = view(other, 5 * ROW, 5 * ROW + m), view(other, 6 * ROW, 6 * ROW + m)
+    u0, u1, u2 = axes_view(u, 0, m, ROW)
+    a0, a1, a2 = axes_view(a, 0, m, ROW)
     for i in range(m):
-        a0, a1, a2 = a[i], a[ROW + i], a[2 * ROW + i]
-        missed[i] = MISSED * math.sqrt(a0 * a0 + a1 * a1 + a2 * a2) * span[i] * span[i]
-        span4[i] = span[i] ** 4
-        rate[i] = min(rate[i], 0.999 * 2.0 ** (4 * most) / (span4[i] + 1e-300))
-    arms = np.empty((2 * CHUNKS if passing.sizes.shape[0] > FEW else 0, 11))
+        initial2[i] = u0[i] * u0[i] + u1[i] * u1[i] + u2[i] * u2[i]
+        pull2[i] = a0[i] * a0[i] + a1[i] * a1[i] + a2[i] * a2[i]
+    span_i, highest = view(span, 0, m), 0.999 * 2.0 ** (4 * most)
+    for i in range(m):
+        missed[i] = MISSED * math.sqrt(pull2[i]) * span_i[i] * span_i[i]
+        span4[i] = span_i[i] ** 4
+        rate[i] = min(rate[i], highest / (span4[i] + 1e-300))
+    fastest, pulled, reach = math.sqrt(largest(initial2)), math.sqrt(largest(pull2)), 0.0
+    duration = span[0] if uniform else t[m - 1] + span[m - 1] - t[0]
+    arms = np.empty((2 * CHUNKS if uniform and passing.sizes.shape[0] > FEW else 0, 11))
     if arms.shape[0] > 0:
-        enclose(m, uniform, lanes, missed, arms)
+        enclose(m, lanes, missed, arms)
     for b in range(passing.sizes.shape[0]):
         size, strength2 = passing.sizes[b], passing.strengths[b] ** 2
         for begin in range(0, m, CHUNK):
             end, chunk = min(begin + CHUNK, m), begin // CHUNK
             if begin == 0 or not uniform:
-                approach(forces, b, 0, 0, lanes, closest, centre, path)
+                follow(forces, b, t[0], duration, centre, path)
+            if begin == 0:
+                reach = reach_of(path, duration, span[0], size, passing.strengths[b], fastest, pulled)
             if arms.shape[0] > 0:
-                asked[b, ROW + chunk] = is_close(arms, chunk, path, span[0], size, passing.strengths[b])
-                if asked[b, ROW + chunk] == 0:
-                    continue
+                asked[b, ROW + chunk] = is_close(arms, chunk, path, duration, size, passing.strengths[b])
+            else:
+                asked[b, ROW + chunk] = some_within(reach, begin, end, lanes, path)
+            if asked[b, ROW + chunk] == 0:
+                continue
             together = end - begin if uniform else 1
             for first in range(begin, end, together):
                 last = first + together
@@ -136,10 +144,12 @@ def _look_for_passages(passing, most, uniform, m, lanes, closest, other, centre,
                     approach(forces, b, first, last, lanes, closest, centre, path)
                 inverse = 1.0 / (span[first] + 1e-300)
                 w0, w1, w2 = (path[6] - path[0]) * inverse, (path[7] - path[1]) * inverse, (path[8] - path[2]) * inverse
-                v0, v1, v2 = axes_view(v, first, last, ROW)
-                speed2 = view(other, 3 * ROW + first, 3 * ROW + last)
+                u0, u1, u2 = axes_view(u, first, last, ROW)
+                a0, a1, a2 = axes_view(a, first, last, ROW)
+                speed2, h = view(other, 3 * ROW + first, 3 * ROW + last), view(span, first, last)
                 for i in range(speed2.shape[0]):
-                    speed2[i] = (v0[i] - w0) ** 2 + (v1[i] - w1) ** 2 + (v2[i] - w2) ** 2 + 1e-300
+                    v0, v1, v2 = u0[i] + 0.5 * h[i] * a0[i], u1[i] + 0.5 * h[i] * a1[i], u2[i] + 0.5 * h[i] * a2[i]
+                    speed2[i] = (v0 - w0) ** 2 + (v1 - w1) ** 2 + (v2 - w2) ** 2 + 1e-300
             speed2, near2 = view(other, 3 * ROW + begin, 3 * ROW + end), view(other, 4 * ROW + begin, 4 * ROW + end)
             d0, d1, d2 = axes_view(closest, begin, end, ROW)
             missed_i, span4_i = view(missed, begin, end), view(span4, begin, end)
@@ -163,10 +173,10 @@ def _look_for_passages(passing, most, uniform, m, lanes, closest, other, centre,
                 fresh = 0
             for i in range(end - begin):
                 b0, b1, b2 = other[begin + i], other[ROW + begin + i], other[2 * ROW + begin + i]
-                pull2, distance2 = b0 * b0 + b1 * b1 + b2 * b2, d0[i] * d0[i] + d1[i] * d1[i] + d2[i] * d2[i]
+                force2, distance2 = b0 * b0 + b1 * b1 + b2 * b2, d0[i] * d0[i] + d1[i] * d1[i] + d2[i] * d2[i]
                 passage = speed2[i] / near2[i]
-                unnoticed = min(noticed * pull2 / passage, 1.0)
-                wanted = max(crossing * passage * passage * unnoticed, bending * pull2 / (distance2 + 1e-300))
+                unnoticed = min(noticed * force2 / passage, 1.0)
+                wanted = max(crossing * passage * passage * unnoticed, bending * force2 / (distance2 + 1e-300))
                 steps, bound, level = wanted * span4_i[i], 16.0, 0
                 if steps > HALF:
                     rate[begin + i] = max(rate[begin + i], wanted)
@@ -178,38 +188,32 @@ def _look_for_passages(passing, most, uniform, m, lanes, closest, other, centre,
 
 
 @helper
-def enclose(m, uniform, lanes, missed, arms):
+def enclose(m, lanes, missed, arms):
     """Store in arms (2 * CHUNKS, 11) spheres that hold the lanes of even and of odd number of each chunk of m.
 
-    Their centre at the beginning, the middle and the end of the time span of the first lane, which is the longest,
-    their radius, and the largest velocity relative to the centre. Schemes release particles into both arms in turn. If
-    the lanes have their own times, the spheres are larger by what paths from other times may differ.
+    Their centre at the beginning, the middle and the end of the time span, which all lanes share, their radius, and the
+    largest velocity relative to the centre. Schemes release particles into both arms in turn.
     """
-    u, t, a, span = rest(lanes, V), rest(lanes, T), rest(lanes, A), lanes[H]
+    u, a, span = rest(lanes, V), rest(lanes, A), lanes[H]
     for arm in range(2 * ((m + CHUNK - 1) // CHUNK)):
         begin, end = arm // 2 * CHUNK + arm % 2, min(arm // 2 * CHUNK + CHUNK, m)
-        count, radius2, most_missed, fastest = (end - begin + 1) // 2, 0.0, 0.0, 0.0
+        count, radius2, most_missed = (end - begin + 1) // 2, 0.0, 0.0
         for k in range(9):
             arms[arm, k] = 0.0
         for i in range(begin, end, 2):
             for k in range(9):
-                j, s = k % 3 * ROW + i, t[0] + 0.5 * (k // 3) * span - t[i]
+                j, s = k % 3 * ROW + i, 0.5 * (k // 3) * span
                 arms[arm, k] += (lanes[j] + s * (u[j] + 0.5 * s * a[j])) / count
         for i in range(begin, end, 2):
             for node in range(3):
-                r2, s = 0.0, t[0] + 0.5 * node * span - t[i]
+                r2, s = 0.0, 0.5 * node * span
                 for k in range(3):
                     j = k * ROW + i
                     r2 += (lanes[j] + s * (u[j] + 0.5 * s * a[j]) - arms[arm, 3 * node + k]) ** 2
                 radius2 = max(radius2, r2)
             most_missed = max(most_missed, missed[i])
-            if not uniform:
-                j = i + 2 * ROW
-                bend2 = span**4 * (a[i] * a[i] + a[ROW + i] * a[ROW + i] + a[j] * a[j])
-                most_missed = max(most_missed, 3.0 * MISSED * math.sqrt(bend2))
-                fastest = max(fastest, 2.0 * math.sqrt(bend2) / (span + 1e-300))
         arms[arm, 9] = math.sqrt(radius2) + most_missed
-        arms[arm, 10] = 2.0 * math.sqrt(radius2) / (span + 1e-300) + fastest
+        arms[arm, 10] = 2.0 * math.sqrt(radius2) / (span + 1e-300)
 
 
 @helper
@@ -228,6 +232,41 @@ def is_close(arms, chunk, path, span, size, strength):
         if steps2 * min(2.0 * strength / (near * speed * NOTICED + 1e-300), 1.0) > 0.25 or bends2 > 0.25:
             return 1
     return 0
+
+
+@helper
+def reach_of(path, duration, span, size, strength, fastest, pulled):
+    """Return the distance of the middles of paths beyond which a body asks no lane for a level.
+
+    path (9,) is that of the body in a duration in which all lanes have their time spans, and span the longest of these.
+    At its beginning no lane is faster than `fastest`, or has a larger acceleration than `pulled`.
+    """
+    b0, b1, b2 = path[0] - path[3], path[1] - path[4], path[2] - path[5]
+    e0, e1, e2 = path[6] - path[3], path[7] - path[4], path[8] - path[5]
+    aside = math.sqrt(max(b0 * b0 + b1 * b1 + b2 * b2, e0 * e0 + e1 * e1 + e2 * e2))
+    bend = math.sqrt((b0 + e0) ** 2 + (b1 + e1) ** 2 + (b2 + e2) ** 2)
+    fastest += 0.5 * span * pulled
+    speed = fastest + (2.0 * aside + bend) / (duration + 1e-300)
+    crossed = 2.0 * span * speed / PASSING  # this and the others as in `is_close`
+    unnoticed = (2.0 * crossed * crossed * strength / (speed * NOTICED)) ** (1 / 3)
+    bent = (4.0 * strength * (span / BENDING) ** 2) ** (1 / 3)
+    near = max(min(crossed, unnoticed), bent)
+    return near + aside + 0.5 * span * fastest + (0.125 + MISSED) * span * span * pulled if near > size else 0.0
+
+
+@helper
+def some_within(reach, begin, end, lanes, path):
+    """Return 1 if one of the lanes [begin, end) is within reach of a body in the middle of their paths, or else 0."""
+    x0, x1, x2 = axes_view(lanes, begin, end, ROW)
+    u0, u1, u2 = axes_view(rest(lanes, V), begin, end, ROW)
+    a0, a1, a2 = axes_view(rest(lanes, A), begin, end, ROW)
+    h, c0, c1, c2, reach2, count = view(lanes, H + begin, H + end), path[3], path[4], path[5], reach * reach, 0
+    for i in range(h.shape[0]):
+        s, r = 0.5 * h[i], 0.125 * h[i] * h[i]
+        d0, d1 = x0[i] + s * u0[i] + r * a0[i] - c0, x1[i] + s * u1[i] + r * a1[i] - c1
+        d2 = x2[i] + s * u2[i] + r * a2[i] - c2
+        count += 1 if d0 * d0 + d1 * d1 + d2 * d2 < reach2 else 0
+    return 1 if count > 0 else 0
 
 
 @helper
@@ -255,13 +294,15 @@ def _how_often(adapts, m, level, slot, asked, asks, often):
 def _kick(passing, asks, often, level, piece, pieces, uniform, begin, end, lanes, relative, centre, a):
     """Kick lanes [begin, end) of a level before a piece of their time span, or after the last; a is scratch.
 
-    A body kicks each of them before every 1, 2, 4 ... pieces, as often as this lane asks for.
+    A body kicks each of them before every 1, 2, 4 ... pieces, as often as this lane asks for. Where one kick is enough
+    for all pieces, it stands in their middle: that costs half of two at the ends, and the error is half as large.
     """
     forces, t, h = passing.forces, rest(lanes, T), view(lanes, H + begin, H + end)
     weight = 0.5 if piece == 0 or piece == pieces else 1.0
+    once = pieces if 2 * piece == pieces else 0 if pieces > 1 else 0.5
     for b in range(passing.sizes.shape[0]):  # one after the other: the sum does not depend on the other lanes
         finest = max(pieces >> max(often[level, b] - 1, 0), 1)
-        if piece & (finest - 1) != 0:  # a power of two
+        if once == 0 and (finest == pieces or piece & (finest - 1) != 0):  # a power of two
             continue
         q = positions_about(forces, b, uniform, begin, end, t, lanes, relative, centre)
         fresh = 1
@@ -269,20 +310,17 @@ def _kick(passing, asks, often, level, piece, pieces, uniform, begin, end, lanes
             p, offset = forces.parameters, forces.offset[c]
             call_kernel(forces.address[c], begin, end - begin, t, p, offset, centre, q, a, fresh)
             fresh = 0
-        if often[level, b] > 0:
-            part, asks_i = view(relative, begin, end), row_view(asks, b, begin, end)
-            for i in range(part.shape[0]):
-                stride = max(pieces >> max(asks_i[i] - 1, 0), 1)
+        part, asks_i = view(relative, begin, end), row_view(asks, b, begin, end)
+        for i in range(part.shape[0]):
+            part[i] = once * h[i]
+        for i in range(part.shape[0] if often[level, b] > 1 else 0):
+            stride = max(pieces >> max(asks_i[i] - 1, 0), 1)
+            if stride < pieces:
                 part[i] = stride * weight * h[i] if piece & (stride - 1) == 0 else 0.0
-            for k in range(3):
-                u_i, a_i = view(lanes, V + k * ROW + begin, V + k * ROW + end), view(a, k * ROW + begin, k * ROW + end)
-                for i in range(u_i.shape[0]):
-                    u_i[i] += part[i] * a_i[i]
-        else:
-            for k in range(3):
-                u_i, a_i = view(lanes, V + k * ROW + begin, V + k * ROW + end), view(a, k * ROW + begin, k * ROW + end)
-                for i in range(u_i.shape[0]):
-                    u_i[i] += pieces * weight * h[i] * a_i[i]
+        for k in range(3):
+            u_i, a_i = view(lanes, V + k * ROW + begin, V + k * ROW + end), view(a, k * ROW + begin, k * ROW + end)
+            for i in range(u_i.shape[0]):
+                u_i[i] += part[i] * a_i[i]
 
 
 @overload(passages, jit_options=OPTIONS)

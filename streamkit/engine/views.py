@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
@@ -84,3 +85,19 @@ def fill(array, begin, end, value):
     """Store a number in elements [begin, end) of an array (n,)."""
     for i in range(begin, end):
         array[i] = value
+
+
+@helper
+def largest(array):
+    """Return the largest element of an array (n,), n a multiple of 8; 0 if all are negative.
+
+    It keeps eight maxima: the compiler takes a single one in the order of the elements, without vectors.
+    """
+    best = np.zeros(8)
+    for i in range(0, array.shape[0], 8):
+        for k in range(8):
+            best[k] = max(best[k], array[i + k])
+    most = 0.0
+    for k in range(8):
+        most = max(most, best[k])
+    return most

@@ -16,10 +16,11 @@ from streamkit.runfile import FlyBy, StreamInputs
 from streamkit.stream import Array, Orbit, seen_from, sky_matrix
 from streamkit.units import GYR
 
-PROBES = 512  # particles without random velocities that show where the unperturbed stream was
+PROBES = 256  # particles without random velocities that show where the unperturbed stream was
+BLOCKS = 2  # blocks of the stream in one of the probes, of which no records are kept
 WINDOW = 2.0  # standard deviation in degrees of the weights of probes about phi1
 UNSEEN = 1e-9  # weight below which a probe is left out
-LEAST = 4.0  # smallest sum of these weights: the stream ends beyond
+LEAST = 2.0  # smallest sum of these weights: the stream ends beyond
 SMALLEST = 1e-4  # size of an encounter in kpc that its steps resolve, where a point mass hits the stream
 THICKEST = 0.1  # largest thickness of a stream, in units of its distance from the Galactic centre
 
@@ -35,9 +36,10 @@ class Flight:
     size: float  # the extent of the body in kpc
 
 
-def flights_past(inputs: StreamInputs, host: Host, track: Orbit) -> list[Flight]:
+def flights_past(inputs: StreamInputs, host: Host, track: Orbit, orbit: Orbit, field: Field) -> list[Flight]:
     """Return the orbits of all bodies that this stream has met; OutOfDomain if the stream has no such point.
 
+    ``orbit`` is the track with the remaining mass of the progenitor, and the field is `with_progenitor` on it.
     The point is one of the stream as it would be without encounters: the mean of the particles that would be at phi1
     today, back at the time of the encounter. Particles without random velocities show it. They follow all of the
     scheme, the host and the gravity of the progenitor, so the arms may lie beside the progenitor's orbit, by more
@@ -53,10 +55,9 @@ def flights_past(inputs: StreamInputs, host: Host, track: Orbit) -> list[Flight]
         if not 0 < ago < begins:
             raise OutOfDomain(f"body {name}: it came {ago:g} Gyr ago, and the stream begins {begins:g} Gyr ago")
     few = replace(inputs, stripping=scheme.model_copy(update={"particles": PROBES}))
-    start = release_particles(few, track, np.zeros((scheme.draws, PROBES)))
-    field = host.until(float(track.t[0]))
+    start = release_particles(few, track, np.zeros((scheme.draws, PROBES)), orbit)
     times = np.array([-flyby.encounter.time * GYR for flyby in flybys])
-    then, today = _probes(with_progenitor(field, inputs, start.orbit), inputs, start, times)
+    then, today = _probes(field, inputs, start, times)
     longitudes = dict[bytes, Array]()  # of all probes, once in each frame
     points = []
     for (name, flyby), state in zip(inputs.flybys.items(), then, strict=True):
@@ -70,7 +71,7 @@ def flights_past(inputs: StreamInputs, host: Host, track: Orbit) -> list[Flight]
     states = [_at_encounter(flyby, *point) for flyby, point in zip(flybys, points, strict=True)]
     q, v = (np.array([state[k] for state in states]).T for k in (0, 1))
     with np.errstate(all="ignore"):  # orbits that are not finite are refused below
-        orbits = field.orbits(times, q, v, track.t)
+        orbits = host.until(float(track.t[0])).orbits(times, q, v, track.t)
     flights = []
     for name, flyby, orbit, time, point, (_, velocity) in zip(
         inputs.flybys, flybys, orbits, times, points, states, strict=True
@@ -96,7 +97,8 @@ def with_progenitor(field: Field, inputs: StreamInputs, orbit: Orbit) -> Field:
 def _probes(field: Field, inputs: StreamInputs, start: Start, times: Array) -> tuple[list[Array], Array]:
     """Return states (6, m) of the m particles released by each of some times, and those of all (6, n) today."""
     orbit, state, now = start.orbit, np.concatenate([start.q, start.v]), start.at_release.t.copy()
-    edges = np.union1d(block_edges(orbit, inputs.integrator), times)[1:]
+    blocks = block_edges(orbit, inputs.integrator)
+    edges = np.union1d([*blocks[:-1:BLOCKS], blocks[-1]], times)[1:]
     active = np.searchsorted(start.at_release.t, edges, side="left").tolist()
     asked, at = set(times.tolist()), dict[float, Array]()
     with blamed(f"integrator {inputs.integrator.kind}"):

@@ -189,7 +189,7 @@ def simulate(inputs: StreamInputs, draws: Array, shared: Host | None = None, thr
         return _stream(inputs, host, orbit, done, tail, np.full(len(tail), track.t[0]), weight)
     start = release_particles(inputs, track, draws)
     field = with_progenitor(host.until(float(track.t[0])), inputs, start.orbit)
-    flights = flights_past(inputs, host, track)
+    flights = flights_past(inputs, host, track, start.orbit, field)
     if flights:
         field = field.with_passing([(build_field([one.potential]), one.orbit, one.size) for one in flights])
     encounters = [(flight.time, flight.duration) for flight in flights]

@@ -29,17 +29,18 @@ class Start:
     v: Array
 
 
-def release_particles(inputs: StreamInputs, track: Orbit, normals: Array) -> Start:
+def release_particles(inputs: StreamInputs, track: Orbit, normals: Array, orbit: Orbit | None = None) -> Start:
     """Return the particles at their release from the progenitor's track, with normals (draws, n).
 
-    Raises ComponentError if the stripping scheme fails, or returns wrong shapes or numbers.
+    ``orbit`` is the track with its remaining mass, where that is known already. Raises ComponentError if the stripping
+    scheme fails, or returns wrong shapes or numbers.
     """
     scheme, n = inputs.stripping, inputs.stripping.particles
     name = f"stripping {scheme.kind}"
     if not isinstance(scheme, Stripping):
         raise TypeError(f"{name} releases no particles")
     times = release_times(scheme, track)
-    orbit = stripped(inputs, track)
+    orbit = stripped(inputs, track) if orbit is None else orbit
     with blamed(name):
         tail = read_only(np.where(np.arange(n) % 2 == 0, LEADING, TRAILING))
         at_release = orbit.at(times)
