@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, field_validator
 from scipy.special import betainc, betaincc, gammainc, gammaincc, gammaln, ndtri, xlogy
 
 import streamkit as sk
@@ -60,6 +60,17 @@ class Density(sk.Observable):
         "bins blur the data; a wider kernel is smoother.",
     )
     arm: Arm = "both"
+
+    @field_validator("counts")
+    @classmethod
+    def _each_once(cls, counts: sk.Table) -> sk.Table:
+        places, times = np.unique(counts["phi1"], return_counts=True)
+        if (times > 1).any():
+            raise ValueError(
+                f"found {times.max()} bins at phi1 = {places[times.argmax()]:g} deg; expected each bin once: its stars "
+                "would count twice"
+            )
+        return counts
 
     def sky_frame(self) -> sk.Frame:
         """Return the frame of phi1."""

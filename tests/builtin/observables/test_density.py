@@ -158,3 +158,9 @@ def test_negative_counts_are_refused():
                  "radius": 0.02, "x": 10.0, "y": 0, "z": 0, "vx": 0, "vy": 150.0, "vz": 0, "lookback": 1},
                  "observable": {"kind": "density", "frame": "icrs", "amplitude": 1.0,
                                 "counts": {"phi1": [1.0], "count": [-2.0]}}})  # fmt: skip
+
+
+def test_a_bin_that_is_there_twice_is_refused():
+    counts = {"phi1": [-1.0, 0.0, 0.0, 1.0], "count": [3.0, 4.0, 4.0, 2.0]}
+    with pytest.raises(ValueError, match="found 2 bins at phi1 = 0 deg"):
+        Density(frame=FRAME, counts=counts, amplitude=3.0)
