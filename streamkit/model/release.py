@@ -32,8 +32,7 @@ class Start:
 def release_particles(inputs: StreamInputs, track: Orbit, normals: Array, orbit: Orbit | None = None) -> Start:
     """Return the particles at their release from the progenitor's track, with normals (draws, n).
 
-    ``orbit`` is the track with its remaining mass, where that is known already. Raises ComponentError if the stripping
-    scheme fails, or returns wrong shapes or numbers.
+    ``orbit`` is the `stripped` track, if it is known. ComponentError if the scheme fails, or returns wrong numbers.
     """
     scheme, n = inputs.stripping, inputs.stripping.particles
     name = f"stripping {scheme.kind}"
