@@ -300,15 +300,18 @@ def sample(document: dict[str, Any], mock: Sky, seed: int) -> dict[str, Any]:
 
 
 def table(file: Path) -> str:
-    """Return by host and family how many intervals hold the truth, and the shifts in standard deviations."""
+    """Return by fit and family how many intervals hold the truth, and the shifts in standard deviations."""
     rows = [json.loads(line) for line in file.read_text().splitlines()]
     lines = []
-    for name in sorted({row["host"] for row in rows}):
+    kinds = sorted({(row["host"], row["by"], row["scheme"]) for row in rows})
+    for kind in kinds:
         for family in ("all", *FAMILIES):
-            ours = [row for row in rows if row["host"] == name and family in ("all", row["family"])]
+            of = [row for row in rows if (row["host"], row["by"], row["scheme"]) == kind]
+            ours = [row for row in of if family in ("all", row["family"])]
             if not ours:
                 continue
-            lines.append(f"{name}, {family}: {len(ours)} skies, {sum(row['settled'] for row in ours)} settled")
+            settled = sum(row["settled"] for row in ours)
+            lines.append(f"{', '.join(kind)}, {family}: {len(ours)} skies, {settled} settled")
             for number in ours[0]["truth"]:
                 found = np.array([row[number] for row in ours])
                 true = np.array([row["truth"][number] for row in ours])
@@ -341,16 +344,17 @@ def main() -> None:
         print(table(file))
         return
     rows = [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
-    finished = {(row["sky"], row["host"], row["scheme"]) for row in rows}
+    finished = {(row["sky"], row["host"], row["scheme"], row["by"]) for row in rows}
     documents = fits_of(given.streams, given.particles)
     for index in range(given.first, given.first + given.skies):
-        wanted = [name for name in given.hosts if (index, name, given.truth) not in finished]
+        wanted = [name for name in given.hosts if (index, name, given.truth, given.what) not in finished]
         if not wanted:
             continue
         mock = sky(index, documents["nfw"], given.truth)
         for name in wanted:
             print(f"sky {index}, {mock.family}, {name}", flush=True)
-            line = {"sky": index, "host": name, "scheme": given.truth, "family": mock.family, "truth": mock.truth}
+            line = {"sky": index, "host": name, "scheme": given.truth, "by": given.what, "family": mock.family}
+            line["truth"] = mock.truth
             line |= (fit if given.what == "fit" else sample)(documents[name], mock, index)
             with file.open("a") as output:
                 output.write(json.dumps(line) + "\n")
