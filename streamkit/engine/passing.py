@@ -127,11 +127,11 @@ def _look_for_passages(passing, most, uniform, m, lanes, closest, other, centre,
             end, chunk = min(begin + CHUNK, m), begin // CHUNK
             if begin == 0 or not uniform:
                 follow(forces, b, t[0], duration, centre, path)
-            if begin == 0:
-                reach = reach_of(path, duration, span[0], size, passing.strengths[b], fastest, pulled)
             if arms.shape[0] > 0:
                 asked[b, ROW + chunk] = is_close(arms, chunk, path, duration, size, passing.strengths[b])
             else:
+                if begin == 0:
+                    reach = reach_of(path, duration, span[0], size, passing.strengths[b], fastest, pulled)
                 asked[b, ROW + chunk] = some_within(reach, begin, end, lanes, path)
             if asked[b, ROW + chunk] == 0:
                 continue

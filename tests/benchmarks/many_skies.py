@@ -116,11 +116,8 @@ def numbers_of(spec: sk.Spec, theta: Array | None = None) -> dict[str, float]:
     bound = spec.bind_all(theta)
     host, cloud = sk.Host(bound.potentials), sk.Host({"lmc": bound.bodies["lmc"].potential})
     found = {f"M{r:g}": float(m) for r, m in zip(RADII, host.mass_inside(np.array(RADII)), strict=True)}
-    angle = np.linspace(0, np.pi, 8, endpoint=False)
-    q = 20.0 / np.sqrt(2) * np.array([np.cos(angle), np.sin(angle), np.ones(8)])
-    a = host.acceleration(q)
-    pull = -(a[0] * np.cos(angle) + a[1] * np.sin(angle)).mean()  # mean over azimuth, where a halo is tilted
-    found["q"] = float(np.sqrt(pull / -a[2].mean()))
+    height = np.array([20.0 / np.sqrt(2)])
+    found["q"] = float(host.flattening(height, height)[0])
     found["v_c"] = float(host.circular_velocity(np.array([8.0]))[0])
     return found | {"cloud": float(cloud.mass_inside(np.array([CLOUD_RADIUS]))[0])}
 
