@@ -20,6 +20,7 @@ from .live import Population as Population
 from .live import Remnant as Remnant
 from .live import SatelliteView as SatelliteView
 from .monopole import Monopole as Monopole
+from .places import takes_positions as takes_positions
 from .plugin import ROLES as ROLES
 from .plugin import Plugin as Plugin
 from .plugin import is_loaded as is_loaded

@@ -8,8 +8,10 @@ from functools import cache
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from streamkit import engine
+from streamkit.components.places import in_kpc, takes_positions, takes_radii
 from streamkit.errors import blamed
 from streamkit.stream import Array, from_axes, read_only
 from streamkit.units import G, Unit
@@ -52,14 +54,20 @@ class Part(Protocol):
 
 @dataclass(frozen=True)
 class Total:
-    """The sum of potentials today, called through NumPy: a host without the bodies that move about it."""
+    """The sum of potentials today, called through NumPy: a host without the bodies that move about it.
+
+    Positions are (3, n), or (3,) for one; radii are (nr,), or one. They are in kpc, or have an astropy unit of length.
+    Raises ValueError otherwise.
+    """
 
     potentials: tuple[Part, ...]
 
+    @takes_positions
     def acceleration(self, q: Array) -> Array:
         """(3, n) Acceleration in (km/s)^2/kpc at positions q (3, n) in kpc."""
         return add_up("acceleration", self.potentials, q)
 
+    @takes_positions
     def potential(self, q: Array) -> Array | None:
         """(n,) Potential in (km/s)^2 at positions q (3, n) in kpc; None where a component gives none."""
         return add_up("potential", self.potentials, q) if all(p.has_energy() for p in self.potentials) else None
@@ -69,39 +77,40 @@ class Total:
         """Whether the centre of a part moves. Nothing is then known to be bound."""
         return any(p.drifts for p in self.potentials)
 
+    @takes_radii
     def mass_inside(self, radii: Array) -> Array:
         """(nr,) Mass in Msun inside radii (nr,) in kpc: ``r^2 <-a_r> / G``, a mean."""
-        radii = np.asarray(radii, dtype=float)
         directions, weights = sphere(POLAR, AZIMUTH)
         pull = np.broadcast_to(self._inward(directions, radii), (len(radii), len(weights)))
         return np.asarray(radii**2 / G * (pull @ weights))
 
+    @takes_radii
     def circular_velocity(self, radii: Array) -> Array:
         """(nr,) Circular velocity in km/s at radii (nr,) in kpc in the plane: ``sqrt(R <-a_R>)``."""
-        radii = np.asarray(radii, dtype=float)
         pull = self._inward(circle(), radii).mean(axis=1)
         return np.asarray(np.sqrt(np.maximum(radii * pull, 0.0)))
 
-    def flattening(self, radii: Array, z: Array) -> Array:
+    def flattening(self, radii: ArrayLike, z: ArrayLike) -> Array:
         """(n,) Flattening of the potential at cylindrical radii and heights (n,) in kpc.
 
         ``sqrt(z <a_R> / (R <a_z>))``, means around the axis (Bovy+ 2016, ApJ 833, 31): the axis ratio of a potential of
         R^2 + z^2 / q^2. NaN where a force points outwards.
         """
-        radii, z = np.broadcast_arrays(np.asarray(radii, dtype=float), np.asarray(z, dtype=float))
+        radii, z = np.broadcast_arrays(in_kpc(radii, "radii"), in_kpc(z, "heights"))
         around = circle()
-        places = around[:, None, :] * radii[:, None] + np.array([0.0, 0.0, 1.0])[:, None, None] * z[:, None]
+        places = around[:, None, :] * radii.reshape(-1, 1) + np.array([[[0.0]], [[0.0]], [[1.0]]]) * z.reshape(-1, 1)
         force = self.acceleration(np.ascontiguousarray(places.reshape(3, -1))).reshape(places.shape)
         outwards, upwards = np.einsum("crk,ck->rk", force, around).mean(axis=1), force[2].mean(axis=1)
         with np.errstate(all="ignore"):
-            return np.asarray(np.sqrt(z * outwards / (radii * upwards)))
+            ratio = z.reshape(-1) * outwards / (radii.reshape(-1) * upwards)
+            return np.asarray(np.sqrt(ratio)).reshape(radii.shape)
 
+    @takes_positions
     def density(self, q: Array) -> Array:
         """(n,) Mass density in Msun/kpc^3 at positions q (3, n) in kpc: minus the divergence of the force, over 4 pi G.
 
         By central differences over 1e-4 of the radius: a disc must be thicker than a thousandth of it.
         """
-        q = np.asarray(q, dtype=float)
         step = STEP * np.maximum(np.sqrt((q**2).sum(axis=0)), 1e-3)
         divergence = np.zeros(q.shape[1])
         for axis in np.eye(3):
@@ -115,6 +124,7 @@ class Total:
         ahead, behind = (self.mass_inside(radii * np.exp(sign * SHELL)) for sign in (1.0, -1.0))
         return np.asarray((ahead - behind) / (2 * SHELL * 4 * np.pi * radii**3))
 
+    @takes_radii
     def escape_speed(self, radii: Array) -> Array | None:
         """(nr,) Escape speed in km/s to infinity at radii (nr,) in kpc in the plane; None without a potential.
 
@@ -123,7 +133,7 @@ class Total:
         """
         if self.drifts:
             return None
-        radii, around = np.asarray(radii, dtype=float), circle()
+        around = circle()
         with np.errstate(all="ignore"):
             depths = []
             for r in (radii, *FAR_AWAY):

@@ -8,8 +8,9 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from streamkit.components import FrameForce, Potential, Total, add_up, sphere
+from streamkit.components import FrameForce, Potential, Total, add_up, sphere, takes_positions
 from streamkit.engine import NO_FRICTION, Centre, Field, Friction, build_field, follow_bodies, with_disc
 from streamkit.errors import OutOfDomain
 from streamkit.model.friction import friction_table, friction_times
@@ -40,7 +41,8 @@ class Host:
     """The galaxy in which everything moves, today at t = 0, and those beside it.
 
     The origin is the host's centre. The acceleration of a particle is the sum of the accelerations by the host and by
-    the bodies, minus the acceleration of the centre: host(x) + sum_k body_k(x - x_k(t)) - a_host(t).
+    the bodies, minus the acceleration of the centre: host(x) + sum_k body_k(x - x_k(t)) - a_host(t). Methods take one
+    position (3,) or radius, or many, (3, n) and (nr,), in kpc or with an astropy unit, and raise ValueError for others.
 
     Attributes
     ----------
@@ -136,19 +138,18 @@ class Host:
     def _friction_of_today(self) -> Friction:
         return friction_table(self.alone, *sphere(*COARSE), np.zeros(1))
 
-    def acceleration(self, q: Array) -> Array:
+    def acceleration(self, q: ArrayLike) -> Array:
         """(3, n) Acceleration in (km/s)^2/kpc by the host without bodies at positions q (3, n) today, through NumPy."""
         return self.total.acceleration(q)
 
+    @takes_positions
     def potential(self, q: Array) -> Array | None:
         """(n,) Potential in (km/s)^2 at q (3, n) today, with that of the bodies; None where a component gives none."""
-        bodies = list(self.bodies.values())
-        if not all(p.has_energy() for p in (*self.potentials.values(), *(body.potential for body in bodies))):
+        parts = [(each, np.zeros(3)) for each in self.potentials.values()]
+        parts += [(body.potential, body.q) for body in self.bodies.values()]
+        if not all(part.has_energy() for part, _ in parts):
             return None
-        total = add_up("potential", list(self.potentials.values()), q)
-        for body in bodies:
-            total = total + add_up("potential", [body.potential], q - body.q[:, None])
-        return total
+        return sum((add_up("potential", [part], q - at[:, None]) for part, at in parts), np.zeros(q.shape[1]))
 
     def energy(self, q: Array, v: Array) -> Array | None:
         """(n,) Energy in (km/s)^2 at positions q and velocities v (3, n) today; None where a potential has none.
@@ -164,23 +165,23 @@ class Host:
         there = self.potential((q * (INFINITY / np.sqrt(q @ q)))[:, None])
         return None if here is None or there is None else bool(here[0] > there[0])
 
-    def mass_inside(self, radii: Array) -> Array:
+    def mass_inside(self, radii: ArrayLike) -> Array:
         """(nr,) Mass in Msun of the host without bodies inside radii (nr,) in kpc: ``r^2 <-a_r> / G``, a mean."""
         return self.total.mass_inside(radii)
 
-    def circular_velocity(self, radii: Array) -> Array:
+    def circular_velocity(self, radii: ArrayLike) -> Array:
         """(nr,) Circular velocity in km/s at radii (nr,) in kpc in the plane, without bodies: ``sqrt(R <-a_R>)``."""
         return self.total.circular_velocity(radii)
 
-    def flattening(self, radii: Array, z: Array) -> Array:
+    def flattening(self, radii: ArrayLike, z: ArrayLike) -> Array:
         """(n,) Flattening of the potential at cylindrical radii and heights (n,) in kpc, without bodies."""
         return self.total.flattening(radii, z)
 
-    def density(self, q: Array) -> Array:
+    def density(self, q: ArrayLike) -> Array:
         """(n,) Mass density in Msun/kpc^3 at positions q (3, n) in kpc today, without bodies."""
         return self.total.density(q)
 
-    def escape_speed(self, radii: Array) -> Array | None:
+    def escape_speed(self, radii: ArrayLike) -> Array | None:
         """(nr,) Escape speed in km/s at radii (nr,) in kpc in the plane, without bodies; None without a potential."""
         return self.total.escape_speed(radii)
 
@@ -190,8 +191,7 @@ class Host:
         ``(G m / (Omega^2 - d^2 Phi / dr^2))^(1/3)`` (Gibbons+ 2014, eq. 1), bodies included; NaN where the bracket is
         not positive.
         """
-        none = np.full(q.shape[1], np.nan)
-        orbit = Orbit(np.zeros(q.shape[1]), q, v, np.zeros_like(q), none)
+        orbit = Orbit(np.zeros(q.shape[1]), q, v, np.zeros_like(q), np.full(q.shape[1], np.nan))
         return np.asarray(np.cbrt(G * mass / self.tidal_bracket(orbit)))
 
     def orbits(self, lookback: float) -> dict[str, Orbit]:
