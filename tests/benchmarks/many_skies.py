@@ -1,16 +1,18 @@
 """Do the intervals of a fit of twelve streams hold the masses of a Milky Way of another family?
 
-    python tests/benchmarks/many_skies.py fit -o DIR --skies 40 --hosts nfw freer   # two minutes a sky and host
+    python tests/benchmarks/many_skies.py fit -o DIR --skies 40 --hosts nfw freer  # a minute a sky and host
     python tests/benchmarks/many_skies.py table -o DIR
+    python tests/benchmarks/many_skies.py real -o DIR --run thirty_streams.toml --fits live mlcs
 
 A sky has the twelve streams of examples/many_streams, at the longitudes and with the errors of their tables, in a host
 that no fit has: its halo is triaxial and tilted, or contracted, or cored, or ends early, its disc is exponential, and
 the Large Magellanic Cloud has another profile. The progenitors are live, or strip as those of the fit (`--truth mlcs`).
 Each fit has the host of the run file, or one whose halo is of no family, and no extra errors.
 
-Posteriors are Gaussians here by regressions (tests/support/gaussian_fit.py), in place of samples: a certified fit takes
-an hour, this one two minutes. The progenitors begin at their true places. `sample` in place of `fit` samples by
-`emulator`, to compare the Gaussian with.
+Posteriors are Gaussians by regressions (tests/support/gaussian_fit.py), in place of samples: a certified fit takes an
+hour, this one a minute. The progenitors begin at their true places. With `sample` in place of `fit` the posterior is
+sampled by `emulator`, to compare. `real` fits the tables of a run file of examples/many_streams as they are, with its
+extra errors.
 """
 
 from __future__ import annotations
@@ -36,13 +38,15 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
 import gaussian_fit
 from gaussian_fit import coverage, quantiles
 
-RUN = Path(__file__).parents[2] / "examples" / "many_streams" / "many_streams.toml"
+FOLDER = Path(__file__).parents[2] / "examples" / "many_streams"
+RUN = FOLDER / "many_streams.toml"
 FAMILIES = "tilted", "contracted", "cored", "short"
 EXTRA = "phi2_extra_error", "pm_phi1_cosphi2_extra_error", "pm_phi2_extra_error", "extra_error_length"
 STRIPPINGS = "live", "mlcs"
 LIVE = {"kind": "restricted_nbody"}
 KINDS = "host", "fitted", "stripped", "by"
 RADII = 10.0, 20.0, 50.0
+MASSES = "M10", "M20", "M50"
 CLOUD_RADIUS = 30.0  # kpc, inside which the cloud is weighed
 LOST = 0.5  # a datum whose noise in the true stream exceeds this part of its error is left out: no debris is near it
 TRUE = 20_000  # particles of a true stream
@@ -58,21 +62,27 @@ NONPARAMETRIC = {
 }  # fmt: skip
 
 
-def fits_of(streams: Sequence[str], particles: int) -> dict[tuple[str, str], dict[str, Any]]:
-    """Return the run files of the fits by host and stripping, without extra errors."""
-    document = tomllib.loads(RUN.read_text())
+def fits_of(streams: Sequence[str], particles: int, run: Path = RUN) -> dict[tuple[str, str], dict[str, Any]]:
+    """Return the run files of the fits by host and stripping."""
+    document = tomllib.loads(run.read_text())
     shared = document["stream_defaults"]
-    observable = {key: value for key, value in shared["observable"].items() if key not in EXTRA}
     document["stream"] = {name: document["stream"][name] for name in streams or document["stream"]}
     freer = document["potential"] | {"halo": NONPARAMETRIC}
     found = {}
     for stripping in STRIPPINGS:
         given = document | {
-            "stream_defaults": shared | {"observable": observable, "stripping": stripped(shared, stripping, particles)},
+            "stream_defaults": shared | {"stripping": stripped(shared, stripping, particles)},
             "stream": {name: stripped_by(one, stripping) for name, one in document["stream"].items()},
         }
         found["nfw", stripping], found["freer", stripping] = given, given | {"potential": freer}
     return found
+
+
+def exact(document: dict[str, Any]) -> dict[str, Any]:
+    """Return a run file without extra errors: those of mock data are known."""
+    shared = document["stream_defaults"]
+    observable = {key: value for key, value in shared["observable"].items() if key not in EXTRA}
+    return document | {"stream_defaults": shared | {"observable": observable}}
 
 
 def stripped(shared: dict[str, Any], stripping: str, particles: int) -> dict[str, Any]:
@@ -205,6 +215,13 @@ def fit(document: dict[str, Any], mock: Sky, seed: int) -> dict[str, Any]:
     return gaussian_fit.fit(model, mock.places, seed, lambda theta: numbers_of(model.spec, theta))
 
 
+def real(document: dict[str, Any], seed: int) -> dict[str, Any]:
+    """Return the same of the run file's own data. Progenitors begin in the middle of their priors."""
+    model = sk.Model(document)
+    middle = {name: 0.5 for name in model.spec.names if name.startswith("stream.")}
+    return gaussian_fit.fit(model, middle, seed, lambda theta: numbers_of(model.spec, theta), first=0.3)
+
+
 def sample(document: dict[str, Any], mock: Sky, seed: int) -> dict[str, Any]:
     """Return the same of a fit by the sampler `emulator`, and what its certificate lacks."""
     begin, sampler = time.process_time(), {"kind": "emulator", "max_calls": 1500}
@@ -217,7 +234,8 @@ def sample(document: dict[str, Any], mock: Sky, seed: int) -> dict[str, Any]:
 def table(file: Path) -> str:
     """Return by fit and family how many intervals hold the truth, and the shifts in standard deviations."""
     rows = [json.loads(line) for line in file.read_text().splitlines()]
-    lines = []
+    lines = [shown(row) for row in rows if "truth" not in row]
+    rows = [row for row in rows if "truth" in row]
     for kind in sorted({tuple(row[key] for key in KINDS) for row in rows}):
         of = [row for row in rows if tuple(row[key] for key in KINDS) == kind]
         for family in ("all", *FAMILIES):
@@ -228,10 +246,24 @@ def table(file: Path) -> str:
     return "\n".join(lines)
 
 
+def write(file: Path, line: dict[str, Any]) -> None:
+    """Add the result of a fit to the file, and print it."""
+    with file.open("a") as output:
+        output.write(json.dumps(line) + "\n")
+    print(line, flush=True)
+
+
+def shown(row: dict[str, Any]) -> str:
+    """Return the medians and 68 % intervals of a fit of real data, masses in 1e11 Msun."""
+    numbers = {key: np.array(row[key]) / (1e11 if max(row[key]) > 1e6 else 1) for key in (*MASSES, "q", "v_c", "cloud")}
+    found = [f"{key} {x[2]:.4g} ({x[1]:.4g}-{x[3]:.4g})" for key, x in numbers.items()]
+    return ", ".join([row["sky"], *(row[key] for key in KINDS), *found])
+
+
 def main() -> None:
     """Fit skies that have no result yet, or print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=["fit", "sample", "table"])
+    parser.add_argument("what", choices=["fit", "sample", "real", "table"])
     parser.add_argument("-o", "--output", type=Path, required=True)
     parser.add_argument("--skies", type=int, default=40)
     parser.add_argument("--first", type=int, default=0)
@@ -239,6 +271,7 @@ def main() -> None:
     parser.add_argument("--fits", nargs="+", choices=STRIPPINGS, default=["live"], help="how progenitors are stripped")
     parser.add_argument("--truth", choices=STRIPPINGS, default="live", help="the same of the true ones")
     parser.add_argument("--streams", nargs="+", default=[], help="some of the twelve streams")
+    parser.add_argument("--run", default=RUN.name, help="run file of `real`, in examples/many_streams")
     parser.add_argument("--particles", type=int, default=2048)
     given = parser.parse_args()
     given.output.mkdir(parents=True, exist_ok=True)
@@ -249,8 +282,15 @@ def main() -> None:
         return
     rows = [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
     finished = {(row["sky"], *(row[key] for key in KINDS)) for row in rows}
-    documents = fits_of(given.streams, given.particles)
+    documents = fits_of(given.streams, given.particles, FOLDER / (given.run if given.what == "real" else RUN))
     kinds = [(host, fitted, given.truth, given.what) for host in given.hosts for fitted in given.fits]
+    if given.what == "real":
+        kinds = [(host, fitted, "", "real") for host, fitted, *_ in kinds]
+        for kind in [kind for kind in kinds if (given.run, *kind) not in finished]:
+            print(f"{given.run}, {', '.join(kind)}", flush=True)
+            write(file, {"sky": given.run, **dict(zip(KINDS, kind, strict=True)), **real(documents[kind[:2]], 1)})
+        return
+    documents = {key: exact(document) for key, document in documents.items()}
     for index in range(given.first, given.first + given.skies):
         wanted = [kind for kind in kinds if (index, *kind) not in finished]
         if not wanted:
@@ -260,9 +300,7 @@ def main() -> None:
             print(f"sky {index}, {mock.family}, {', '.join(kind)}", flush=True)
             line = {"sky": index, **dict(zip(KINDS, kind, strict=True)), "family": mock.family, "truth": mock.truth}
             line |= (fit if given.what == "fit" else sample)(documents[kind[:2]], mock, index)
-            with file.open("a") as output:
-                output.write(json.dumps(line) + "\n")
-            print(line, flush=True)
+            write(file, line)
 
 
 if __name__ == "__main__":

@@ -26,26 +26,32 @@ FEWEST = 6  # times the coefficients of a regression: the fewest draws it takes,
 ROUNDS, LEAST = 40, 20  # the most and the fewest regressions
 SETTLED = 0.3  # the largest move, in standard deviations, of a Gaussian that stays
 WIDER = 2.0  # factor on the standard deviations of the last Gaussian, within which its lines are trusted
+EXTRA = "_extra_error"
+LEAST_EXTRA, SIZES = 1e-6, 16  # the quantile of extra errors in the draws, and how many of each are tried
 TOLD = 0.1  # the least information of a stream in one direction, in units of that of all others, that pulls
 LEVELS = 0.025, 0.16, 0.5, 0.84, 0.975
-FIRST = 0.3, 0.05  # standard deviations of the first draws, in normal quantiles: of the host, and of the progenitors
+WIDE, FIRST = 0.3, 0.05  # standard deviations of the first draws, in normal quantiles: of host and known progenitors
 
 
 class GaussianFit:
     """The mean (d,) and covariance (d, d) of normal quantiles z of the priors: of the posterior, and of the draws."""
 
-    def __init__(self, model: sk.Model, start: Mapping[str, float], seed: int) -> None:
-        """Begin at the quantiles `start` of numbers of progenitors by their names, and in the middle of the host's."""
+    def __init__(self, model: sk.Model, start: Mapping[str, float], seed: int, first: float = FIRST) -> None:
+        """Begin at the quantiles `start` of numbers of progenitors by their names, and in the middle of the host's.
+
+        `first` is the standard deviation of the first draws of the former, in normal quantiles.
+        """
         self.model, self.spec = model, model.spec
         self.names = list(model.spec.names)
         self.measured = {one.stream: one for one in model.measured(model.spec.bind_all())}
-        self.shared = [i for i, name in enumerate(self.names) if not name.startswith("stream.")]
+        fitted = [i for i, name in enumerate(self.names) if not name.endswith(EXTRA)]
+        self.shared = [i for i in fitted if not self.names[i].startswith("stream.")]
         self.own = {
-            stream: [i for i, name in enumerate(self.names) if name.startswith(f"stream.{stream}.")]
-            for stream in self.measured
+            stream: [i for i in fitted if self.names[i].startswith(f"stream.{stream}.")] for stream in self.measured
         }
         self.mean = np.array([ndtri(start.get(name, 0.5)) for name in self.names])
-        self.covariance = np.diag([FIRST[name in start] ** 2 for name in self.names])
+        self.mean[[name.endswith(EXTRA) for name in self.names]] = ndtri(LEAST_EXTRA)
+        self.covariance = np.diag([(first if name in start else WIDE) ** 2 for name in self.names])
         self.points = qmc.Sobol(len(self.names), seed=seed)
         self.made: dict[str, list[tuple[Array, ...]]] = {name: [] for name in self.measured}
         self.found = self.mean, self.covariance
@@ -61,7 +67,9 @@ class GaussianFit:
         """Make the streams of n draws: z (d,), and by datum the prediction, its variance and that of the datum."""
         root = np.linalg.cholesky(self.covariance)
         u = np.clip(self.points.random(n), 1e-6, 1 - 1e-6)
-        for z in self.mean + ndtri(u) @ root.T:
+        away = ndtri(u) @ root.T
+        away[:, [name.endswith(EXTRA) for name in self.names]] = 0.0
+        for z in self.mean + away:
             bound = self.spec.bind_all(self.theta(z))
             host = Host(bound.potentials, bound.bodies, numbers=bound.numbers)
             for name, one in self.measured.items():
@@ -102,14 +110,16 @@ class GaussianFit:
             unfit = np.maximum(spread - np.median(noises, axis=0), 0)  # the noise is in the variances already
             s2 = np.median(variances, axis=0) + unfit
             used = np.isfinite(data)
-            j, s2, residual = slopes[1:, used].T, s2[used], (data - slopes[0])[used]
-            here = j.T @ (j / s2[:, None]) - (spread[used] / s2).sum() * inverse[1:, 1:]
+            j, residual = slopes[1:, used].T, (data - slopes[0])[used]
+            known = j @ self.found[1][np.ix_(which, which)] @ j.T
+            precision = self.precision(name, s2, np.outer(residual, residual) + known, used)
+            here = j.T @ precision @ j - (spread[used] * np.diag(precision)).sum() * inverse[1:, 1:]
             value, vector = np.linalg.eigh(here)
-            factor = (vector * np.maximum(value, 0)) @ vector.T, j.T @ (residual / s2)
+            factor = (vector * np.maximum(value, 0)) @ vector.T, j.T @ precision @ residual
             information[np.ix_(which, which)] += factor[0]
             pull[which] += factor[1]
             self.factors[name] = self.of_host(name, *factor)
-            chi2, count = chi2 + (residual**2 / s2).sum(), count + used.sum()
+            chi2, count = chi2 + residual @ precision @ residual, count + used.sum()
         pull -= self.mean  # of the prior, a normal of mean 0 and variance 1
         self.factors[""] = np.eye(len(self.shared)), -self.mean[self.shared]
         covariance = np.linalg.inv(information)
@@ -118,6 +128,28 @@ class GaussianFit:
         move = self.covariance @ pull
         self.mean = self.mean + move
         return float(np.abs(move / np.sqrt(np.diag(covariance))).max()), float(chi2 / count)
+
+    def precision(self, name: str, s2: Array, squares: Array, used: Array) -> Array:
+        """(k, k) Return the inverse covariance of the data in use, a mean over the extra errors.
+
+        `s2` (m,) are the variances of all data without them, `squares` (k, k) the mean products of the residuals.
+        """
+        found = np.diag(1 / s2[used])
+        track, start, end = self.measured[name].measurement, 0, 0
+        for column, (phi1, *_) in getattr(track, "given", {}).items():
+            start, end = end, end + len(phi1)
+            full = f"stream.{name}.observable.{column}{EXTRA}"
+            if full not in self.names:
+                continue
+            kept = used[start:end]
+            rows = np.arange(used[:start].sum(), used[:end].sum())
+            block = np.ix_(rows, rows)
+            alike = np.exp(-(np.subtract.outer(phi1[kept], phi1[kept]) ** 2) / (2 * track.extra_error_length**2))
+            sizes = self.spec.priors[self.names.index(full)].ppf((np.arange(SIZES) + 0.5) / SIZES)
+            inverses = [np.linalg.inv(np.diag(s2[start:end][kept]) + size**2 * alike) for size in sizes]
+            ln_p = [0.5 * np.linalg.slogdet(each)[1] - 0.5 * (each * squares[block]).sum() for each in inverses]
+            found[block] = np.tensordot(np.exp(ln_p - np.logaddexp.reduce(ln_p)), inverses, axes=1)
+        return found
 
     def of_host(self, name: str, information: Array, pull: Array) -> tuple[Array, Array]:
         """Return the information and the pull of a stream on the host's numbers, without those of its progenitor."""
@@ -144,10 +176,14 @@ class GaussianFit:
 
 
 def fit(
-    model: sk.Model, start: Mapping[str, float], seed: int, numbers: Callable[[Array], dict[str, float]]
+    model: sk.Model,
+    start: Mapping[str, float],
+    seed: int,
+    numbers: Callable[[Array], dict[str, float]],
+    first: float = FIRST,
 ) -> dict[str, Any]:
     """Return quantiles of `numbers` of parameters (d,), the last move, chi^2 of a datum, calls and CPU seconds."""
-    begin, one, moves = time.process_time(), GaussianFit(model, start, seed), list[float]()
+    begin, one, moves = time.process_time(), GaussianFit(model, start, seed, first), list[float]()
     one.draw(DRAWS)
     while True:
         moved, chi2 = one.renew()
