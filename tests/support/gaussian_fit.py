@@ -2,8 +2,9 @@
 
 Predictions are linear in the normal quantiles of all priors, by a regression for each stream on the draws that are the
 nearest ones to the last Gaussian. What the lines leave beyond the noise of the particles is part of the error of each
-datum. The slopes' own noise would be information: its mean is taken away. The Gaussian follows from data and priors.
-It is made again with more draws until it stays. No other mode is found.
+datum. The slopes' own noise would be information: its mean is taken away. The extra errors of tracks have probabilities
+of their own beside the Gaussian (variational Bayes, mean field). The Gaussian follows from data and priors. It is made
+again with more draws until it stays. No other mode is found.
 """
 
 from __future__ import annotations
@@ -44,13 +45,14 @@ class GaussianFit:
         self.model, self.spec = model, model.spec
         self.names = list(model.spec.names)
         self.measured = {one.stream: one for one in model.measured(model.spec.bind_all())}
-        fitted = [i for i, name in enumerate(self.names) if not name.endswith(EXTRA)]
+        self.extra = [i for i, name in enumerate(self.names) if name.endswith(EXTRA)]
+        fitted = [i for i in range(len(self.names)) if i not in self.extra]
         self.shared = [i for i in fitted if not self.names[i].startswith("stream.")]
         self.own = {
             stream: [i for i in fitted if self.names[i].startswith(f"stream.{stream}.")] for stream in self.measured
         }
         self.mean = np.array([ndtri(start.get(name, 0.5)) for name in self.names])
-        self.mean[[name.endswith(EXTRA) for name in self.names]] = ndtri(LEAST_EXTRA)
+        self.mean[self.extra] = ndtri(LEAST_EXTRA)
         self.covariance = np.diag([(first if name in start else WIDE) ** 2 for name in self.names])
         self.points = qmc.Sobol(len(self.names), seed=seed)
         self.made: dict[str, list[tuple[Array, ...]]] = {name: [] for name in self.measured}
@@ -68,7 +70,7 @@ class GaussianFit:
         root = np.linalg.cholesky(self.covariance)
         u = np.clip(self.points.random(n), 1e-6, 1 - 1e-6)
         away = ndtri(u) @ root.T
-        away[:, [name.endswith(EXTRA) for name in self.names]] = 0.0
+        away[:, self.extra] = 0.0
         for z in self.mean + away:
             bound = self.spec.bind_all(self.theta(z))
             host = Host(bound.potentials, bound.bodies, numbers=bound.numbers)
@@ -107,7 +109,7 @@ class GaussianFit:
             inverse = np.linalg.inv(x.T @ x)
             slopes = inverse @ x.T @ means
             spread = ((means - x @ slopes) ** 2).sum(axis=0) / (len(x) - x.shape[1])
-            unfit = np.maximum(spread - np.median(noises, axis=0), 0)  # the noise is in the variances already
+            unfit = np.maximum(spread - np.median(noises, axis=0), 0)  # the particles' noise is averaged by the lines
             s2 = np.median(variances, axis=0) + unfit
             used = np.isfinite(data)
             j, residual = slopes[1:, used].T, (data - slopes[0])[used]
@@ -121,6 +123,7 @@ class GaussianFit:
             self.factors[name] = self.of_host(name, *factor)
             chi2, count = chi2 + residual @ precision @ residual, count + used.sum()
         pull -= self.mean  # of the prior, a normal of mean 0 and variance 1
+        pull[self.extra] = 0.0  # they stay where they do not count: `precision` has them
         self.factors[""] = np.eye(len(self.shared)), -self.mean[self.shared]
         covariance = np.linalg.inv(information)
         self.found = self.mean + covariance @ pull, covariance
@@ -183,7 +186,17 @@ def fit(
     first: float = FIRST,
 ) -> dict[str, Any]:
     """Return quantiles of `numbers` of parameters (d,), the last move, chi^2 of a datum, calls and CPU seconds."""
-    begin, one, moves = time.process_time(), GaussianFit(model, start, seed, first), list[float]()
+    begin, one = time.process_time(), GaussianFit(model, start, seed, first)
+    settled, moved, chi2 = settle(one)
+    z = np.random.default_rng(seed).multivariate_normal(*one.found, 400, method="cholesky")
+    found = quantiles([numbers(one.theta(each)) for each in z])
+    told = {"settled": settled, "moved": moved, "chi2": chi2, "pulls": one.pulls(), "calls": one.calls}
+    return {**found, **told, "cpu": round(time.process_time() - begin)}
+
+
+def settle(one: GaussianFit) -> tuple[bool, float, float]:
+    """Renew a Gaussian until it stays; return whether it does, its last move, and chi^2 of a datum."""
+    moves = list[float]()
     one.draw(DRAWS)
     while True:
         moved, chi2 = one.renew()
@@ -191,12 +204,8 @@ def fit(
         print(f"    moved by {moved:.2f} sd, chi^2 of a datum {chi2:.2f}", flush=True)
         settled = max(moves[-3:]) < SETTLED
         if len(moves) == ROUNDS or (settled and len(moves) >= LEAST):
-            break
+            return settled, moved, chi2
         one.draw(MORE)
-    z = np.random.default_rng(seed).multivariate_normal(*one.found, 400, method="cholesky")
-    found = quantiles([numbers(one.theta(each)) for each in z])
-    told = {"settled": settled, "moved": moved, "chi2": chi2, "pulls": one.pulls(), "calls": one.calls}
-    return {**found, **told, "cpu": round(time.process_time() - begin)}
 
 
 def quantiles(each: list[dict[str, float]]) -> dict[str, list[float]]:
