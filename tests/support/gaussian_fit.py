@@ -44,15 +44,16 @@ class GaussianFit:
         """
         self.model, self.spec = model, model.spec
         self.names = list(model.spec.names)
-        self.measured = {one.stream: one for one in model.measured(model.spec.bind_all())}
         self.extra = [i for i, name in enumerate(self.names) if name.endswith(EXTRA)]
         fitted = [i for i in range(len(self.names)) if i not in self.extra]
         self.shared = [i for i in fitted if not self.names[i].startswith("stream.")]
+        self.mean = np.array([ndtri(start.get(name, 0.5)) for name in self.names])
+        self.mean[self.extra] = ndtri(LEAST_EXTRA)
+        measured = model.measured(model.spec.bind_all(self.theta(self.mean)))  # without extra errors, all but
+        self.measured = {one.stream: one for one in measured}
         self.own = {
             stream: [i for i in fitted if self.names[i].startswith(f"stream.{stream}.")] for stream in self.measured
         }
-        self.mean = np.array([ndtri(start.get(name, 0.5)) for name in self.names])
-        self.mean[self.extra] = ndtri(LEAST_EXTRA)
         self.covariance = np.diag([(first if name in start else WIDE) ** 2 for name in self.names])
         self.points = qmc.Sobol(len(self.names), seed=seed)
         self.made: dict[str, list[tuple[Array, ...]]] = {name: [] for name in self.measured}
