@@ -289,9 +289,9 @@ def sampled(spec: sk.Spec) -> dict[str, Any]:
 def numbers_of(spec: sk.Spec, theta: Array) -> dict[str, float]:
     """Return what is compared of parameters (d,)."""
     host = sk.Host({name: part for name, part in spec.host(theta).items() if name != "cloud"})
-    found = {f"M{r:g}": float(m) for r, m in zip(RADII, host.mass_inside(np.array(RADII)), strict=True)}
-    height = np.array([20.0 / np.sqrt(2)])
-    found["q"] = float(host.flattening(height, height)[0])
+    found = {f"M{r:g}": float(m) for r, m in zip(RADII, host.mass_inside(RADII), strict=True)}
+    height = 20.0 / np.sqrt(2)
+    found["q"] = float(host.flattening(height, height))
     of = dict(zip(spec.names, theta, strict=True))
     mass = of["body.lmc.mass" if "body.lmc.mass" in of else "potential.cloud.mass"]
     found["cloud"] = float(mass) * (INSIDE / (INSIDE + CLOUD["a"])) ** 2

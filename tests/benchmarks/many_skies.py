@@ -112,14 +112,14 @@ def true_host(rng: np.random.Generator, family: str) -> dict[str, Any]:
         "cored": {"kind": "spheroid", "a": 8 + 6 * a, "gamma": 0.5 * gamma},
         "short": {"kind": "spheroid", "a": 25 + 15 * a, "beta": 4.5, "gamma": 0.8 + 0.4 * gamma},
     }[family]  # fmt: skip
-    of_one = sk.Host({"halo": potential(halo | {"mass": 1e11})}).mass_inside(np.array([20.0]))[0]
+    of_one = sk.Host({"halo": potential(halo | {"mass": 1e11})}).mass_inside(20)
     halo["mass"] = 1e11 * (1e11 + 0.45e11 * inside) / float(of_one)
     disc, rd, cloud = rng.uniform(size=3).tolist()
     lmc = {"kind": "nfw_truncated", "mass": 5e10 * 4**cloud}
 
     def too_fast(rs: float) -> float:
         alone = sk.Host({"cloud": potential(lmc | {"rs": rs, "rt": 4 * rs})})
-        return float(alone.circular_velocity(np.array([8.7]))[0]) - 91.7
+        return float(alone.circular_velocity(8.7)) - 91.7
 
     rs = float(brentq(too_fast, 0.5, 80.0, xtol=1e-3))
     today = tomllib.loads(RUN.read_text())["body"]["lmc"]
@@ -138,11 +138,11 @@ def numbers_of(spec: sk.Spec, theta: Array | None = None) -> dict[str, float]:
     """Return what a host is compared by: masses in Msun, v_c at 8 kpc in km/s, q at 20 kpc, the cloud's mass."""
     bound = spec.bind_all(theta)
     host, cloud = sk.Host(bound.potentials), sk.Host({"lmc": bound.bodies["lmc"].potential})
-    found = {f"M{r:g}": float(m) for r, m in zip(RADII, host.mass_inside(np.array(RADII)), strict=True)}
-    height = np.array([20.0 / np.sqrt(2)])
-    found["q"] = float(host.flattening(height, height)[0])
-    found["v_c"] = float(host.circular_velocity(np.array([8.0]))[0])
-    return found | {"cloud": float(cloud.mass_inside(np.array([CLOUD_RADIUS]))[0])}
+    found = {f"M{r:g}": float(m) for r, m in zip(RADII, host.mass_inside(RADII), strict=True)}
+    height = 20.0 / np.sqrt(2)
+    found["q"] = float(host.flattening(height, height))
+    found["v_c"] = float(host.circular_velocity(8))
+    return found | {"cloud": float(cloud.mass_inside(CLOUD_RADIUS))}
 
 
 @dataclass(frozen=True)
@@ -233,6 +233,8 @@ def sample(document: dict[str, Any], mock: Sky, seed: int) -> dict[str, Any]:
 
 def table(file: Path) -> str:
     """Return by fit and family how many intervals hold the truth, and the shifts in standard deviations."""
+    if not file.exists():
+        raise SystemExit(f"{file.parent} has no fits yet")
     rows = [json.loads(line) for line in file.read_text().splitlines()]
     lines = [shown(row) for row in rows if "truth" not in row]
     rows = [row for row in rows if "truth" in row]
@@ -276,7 +278,7 @@ def main() -> None:
     given = parser.parse_args()
     given.output.mkdir(parents=True, exist_ok=True)
     file = given.output.absolute() / "fits.jsonl"
-    os.chdir(RUN.parent)  # the run file names its tables from there
+    os.chdir(FOLDER)  # the run file names its tables from there
     if given.what == "table":
         print(table(file))
         return
