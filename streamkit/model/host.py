@@ -41,8 +41,8 @@ class Host:
     """The galaxy in which everything moves, today at t = 0, and those beside it.
 
     The origin is the host's centre. The acceleration of a particle is the sum of the accelerations by the host and by
-    the bodies, minus the acceleration of the centre: host(x) + sum_k body_k(x - x_k(t)) - a_host(t). Methods take one
-    position (3,) or radius, or many, (3, n) and (nr,), in kpc or with an astropy unit, and raise ValueError for others.
+    the bodies, minus the acceleration of the centre: host(x) + sum_k body_k(x - x_k(t)) - a_host(t). Methods of no
+    more than positions or radii take one or many, (3, n) and (nr,), in kpc or with a unit; else they raise ValueError.
 
     Attributes
     ----------
