@@ -218,8 +218,7 @@ def fit(document: dict[str, Any], mock: Sky, seed: int) -> dict[str, Any]:
 def real(document: dict[str, Any], seed: int) -> dict[str, Any]:
     """Return the same of the run file's own data. Progenitors begin in the middle of their priors."""
     model = sk.Model(document)
-    middle = {name: 0.5 for name in model.spec.names if name.startswith("stream.")}
-    return gaussian_fit.fit(model, middle, seed, lambda theta: numbers_of(model.spec, theta), first=0.3)
+    return gaussian_fit.fit(model, {}, seed, lambda theta: numbers_of(model.spec, theta))
 
 
 def sample(document: dict[str, Any], mock: Sky, seed: int) -> dict[str, Any]:

@@ -25,7 +25,6 @@ import streamkit as sk
 from streamkit import Array
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
-sys.path.insert(0, str(Path(__file__).parent))
 import gaussian_fit
 from many_skies import FOLDER, RUN, STRIPPINGS, fits_of
 
@@ -104,8 +103,7 @@ def main() -> None:
     os.chdir(FOLDER)  # the run file names its tables from there
     for stripping in given.fits:
         model = sk.Model(document_of(documents["nfw", stripping]))
-        middle = {name: 0.5 for name in model.spec.names if name.startswith("stream.")}
-        fit = TiltedFit(model, middle, 1, first=0.3)
+        fit = TiltedFit(model, {}, 1)
         settled, *_ = gaussian_fit.settle(fit)
         mean, covariance = fit.found[0][fit.shape], fit.found[1][np.ix_(fit.shape, fit.shape)]
         drawn = np.random.default_rng(1).multivariate_normal(mean, covariance, 4000)

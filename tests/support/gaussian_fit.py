@@ -19,6 +19,7 @@ from scipy.stats import chi2 as chi2_law
 from scipy.stats import qmc
 
 import streamkit as sk
+from streamkit.builtin.observables.track.extra_error import ExtraError, squares_of
 from streamkit.model import Host
 from streamkit.stream import Array
 
@@ -31,17 +32,14 @@ EXTRA = "_extra_error"
 LEAST_EXTRA, SIZES = 1e-6, 16  # the quantile of extra errors in the draws, and how many of each are tried
 TOLD = 0.1  # the least information of a stream in one direction, in units of that of all others, that pulls
 LEVELS = 0.025, 0.16, 0.5, 0.84, 0.975
-WIDE, FIRST = 0.3, 0.05  # standard deviations of the first draws, in normal quantiles: of host and known progenitors
+WIDE, FIRST = 0.3, 0.05  # standard deviations of the first draws, in normal quantiles: of others and known numbers
 
 
 class GaussianFit:
     """The mean (d,) and covariance (d, d) of normal quantiles z of the priors: of the posterior, and of the draws."""
 
-    def __init__(self, model: sk.Model, start: Mapping[str, float], seed: int, first: float = FIRST) -> None:
-        """Begin at the quantiles `start` of numbers of progenitors by their names, and in the middle of the host's.
-
-        `first` is the standard deviation of the first draws of the former, in normal quantiles.
-        """
+    def __init__(self, model: sk.Model, start: Mapping[str, float], seed: int) -> None:
+        """Begin at the quantiles `start` of known numbers of progenitors, and in the middle of all other priors."""
         self.model, self.spec = model, model.spec
         self.names = list(model.spec.names)
         self.extra = [i for i, name in enumerate(self.names) if name.endswith(EXTRA)]
@@ -54,7 +52,7 @@ class GaussianFit:
         self.own = {
             stream: [i for i in fitted if self.names[i].startswith(f"stream.{stream}.")] for stream in self.measured
         }
-        self.covariance = np.diag([(first if name in start else WIDE) ** 2 for name in self.names])
+        self.covariance = np.diag([(FIRST if name in start else WIDE) ** 2 for name in self.names])
         self.points = qmc.Sobol(len(self.names), seed=seed)
         self.made: dict[str, list[tuple[Array, ...]]] = {name: [] for name in self.measured}
         self.found = self.mean, self.covariance
@@ -148,9 +146,10 @@ class GaussianFit:
             kept = used[start:end]
             rows = np.arange(used[:start].sum(), used[:end].sum())
             block = np.ix_(rows, rows)
-            alike = np.exp(-(np.subtract.outer(phi1[kept], phi1[kept]) ** 2) / (2 * track.extra_error_length**2))
+            squares_of_phi1, length = squares_of(phi1[kept]), track.extra_error_length
             sizes = self.spec.priors[self.names.index(full)].ppf((np.arange(SIZES) + 0.5) / SIZES)
-            inverses = [np.linalg.inv(np.diag(s2[start:end][kept]) + size**2 * alike) for size in sizes]
+            extra = [ExtraError(squares_of_phi1, size, length).covariance() for size in sizes]
+            inverses = [np.linalg.inv(np.diag(s2[start:end][kept]) + each) for each in extra]
             ln_p = [0.5 * np.linalg.slogdet(each)[1] - 0.5 * (each * squares[block]).sum() for each in inverses]
             found[block] = np.tensordot(np.exp(ln_p - np.logaddexp.reduce(ln_p)), inverses, axes=1)
         return found
@@ -180,14 +179,10 @@ class GaussianFit:
 
 
 def fit(
-    model: sk.Model,
-    start: Mapping[str, float],
-    seed: int,
-    numbers: Callable[[Array], dict[str, float]],
-    first: float = FIRST,
+    model: sk.Model, start: Mapping[str, float], seed: int, numbers: Callable[[Array], dict[str, float]]
 ) -> dict[str, Any]:
     """Return quantiles of `numbers` of parameters (d,), the last move, chi^2 of a datum, calls and CPU seconds."""
-    begin, one = time.process_time(), GaussianFit(model, start, seed, first)
+    begin, one = time.process_time(), GaussianFit(model, start, seed)
     settled, moved, chi2 = settle(one)
     z = np.random.default_rng(seed).multivariate_normal(*one.found, 400, method="cholesky")
     found = quantiles([numbers(one.theta(each)) for each in z])
