@@ -7,7 +7,8 @@
 A sky has the twelve streams of examples/many_streams, at the longitudes and with the errors of their tables, in a host
 that no fit has: its halo is triaxial and tilted, or contracted, or cored, or ends early, its disc is exponential, and
 the Large Magellanic Cloud has another profile. The progenitors are live, or strip as those of the fit (`--truth mlcs`).
-Each fit has the host of the run file, or one whose halo is of no family, and no extra errors.
+Each fit has the host of the run file, or one whose halo is of no family, and no extra errors. `--disc exponential_disc`
+gives it a disc of that kind, with the mass of the run file's, in place of the one of Miyamoto and Nagai.
 
 Posteriors are Gaussians by regressions (tests/support/gaussian_fit.py), in place of samples: a certified fit takes an
 hour, this one a minute. The progenitors begin at their true places. With `sample` in place of `fit` the posterior is
@@ -44,7 +45,9 @@ FAMILIES = "tilted", "contracted", "cored", "short"
 EXTRA = "phi2_extra_error", "pm_phi1_cosphi2_extra_error", "pm_phi2_extra_error", "extra_error_length"
 STRIPPINGS = "live", "mlcs"
 LIVE = {"kind": "restricted_nbody"}
-KINDS = "host", "fitted", "stripped", "by"
+MIYAMOTO_NAGAI, EXPONENTIAL = DISCS = "miyamoto_nagai", "exponential_disc"
+EXPONENTIAL_DISC = {"kind": EXPONENTIAL, "rd": {"uniform": [2.0, 3.2]}, "height": 0.3}
+KINDS = "host", "disc", "fitted", "stripped", "by"
 RADII = 10.0, 20.0, 50.0
 MASSES = "M10", "M20", "M50"
 CLOUD_RADIUS = 30.0  # kpc, inside which the cloud is weighed
@@ -62,10 +65,14 @@ NONPARAMETRIC = {
 }  # fmt: skip
 
 
-def fits_of(streams: Sequence[str], particles: int, run: Path = RUN) -> dict[tuple[str, str], dict[str, Any]]:
+def fits_of(
+    streams: Sequence[str], particles: int, disc: str = MIYAMOTO_NAGAI, run: Path = RUN
+) -> dict[tuple[str, str], dict[str, Any]]:
     """Return the run files of the fits by host and stripping."""
     document = tomllib.loads(run.read_text())
     shared = document["stream_defaults"]
+    if disc == EXPONENTIAL:
+        document["potential"]["disc"] = EXPONENTIAL_DISC | {"mass": document["potential"]["disc"]["mass"]}
     document["stream"] = {name: document["stream"][name] for name in streams or document["stream"]}
     freer = document["potential"] | {"halo": NONPARAMETRIC}
     found = {}
@@ -234,7 +241,7 @@ def table(file: Path) -> str:
     """Return by fit and family how many intervals hold the truth, and the shifts in standard deviations."""
     if not file.exists():
         raise SystemExit(f"{file.parent} has no fits yet")
-    rows = [json.loads(line) for line in file.read_text().splitlines()]
+    rows = rows_of(file)
     lines = [shown(row) for row in rows if "truth" not in row]
     rows = [row for row in rows if "truth" in row]
     for kind in sorted({tuple(row[key] for key in KINDS) for row in rows}):
@@ -245,6 +252,12 @@ def table(file: Path) -> str:
                 settled = sum(row["settled"] for row in ours)
                 lines += [f"{', '.join(kind)}, {family}: {len(ours)} skies, {settled} settled", *coverage(ours)]
     return "\n".join(lines)
+
+
+def rows_of(file: Path) -> list[dict[str, Any]]:
+    """Return the results of a file, if it exists."""
+    lines = file.read_text().splitlines() if file.exists() else []
+    return [{"disc": MIYAMOTO_NAGAI} | json.loads(line) for line in lines]  # the first results do not name it
 
 
 def write(file: Path, line: dict[str, Any]) -> None:
@@ -269,6 +282,7 @@ def main() -> None:
     parser.add_argument("--skies", type=int, default=40)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--hosts", nargs="+", choices=["nfw", "freer"], default=["nfw", "freer"])
+    parser.add_argument("--disc", choices=DISCS, default=MIYAMOTO_NAGAI, help="disc of the fits' hosts")
     parser.add_argument("--fits", nargs="+", choices=STRIPPINGS, default=["live"], help="how progenitors are stripped")
     parser.add_argument("--truth", choices=STRIPPINGS, default="live", help="the same of the true ones")
     parser.add_argument("--streams", nargs="+", default=[], help="some of the twelve streams")
@@ -281,15 +295,16 @@ def main() -> None:
     if given.what == "table":
         print(table(file))
         return
-    rows = [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
-    finished = {(row["sky"], *(row[key] for key in KINDS)) for row in rows}
-    documents = fits_of(given.streams, given.particles, FOLDER / (given.run if given.what == "real" else RUN))
-    kinds = [(host, fitted, given.truth, given.what) for host in given.hosts for fitted in given.fits]
+    finished = {(row["sky"], *(row[key] for key in KINDS)) for row in rows_of(file)}
+    run = FOLDER / (given.run if given.what == "real" else RUN)
+    documents = fits_of(given.streams, given.particles, given.disc, run)
+    kinds = [(host, given.disc, fitted, given.truth, given.what) for host in given.hosts for fitted in given.fits]
     if given.what == "real":
-        kinds = [(host, fitted, "", "real") for host, fitted, *_ in kinds]
+        kinds = [(host, disc, fitted, "", "real") for host, disc, fitted, *_ in kinds]
         for kind in [kind for kind in kinds if (given.run, *kind) not in finished]:
             print(f"{given.run}, {', '.join(kind)}", flush=True)
-            write(file, {"sky": given.run, **dict(zip(KINDS, kind, strict=True)), **real(documents[kind[:2]], 1)})
+            line = {"sky": given.run, **dict(zip(KINDS, kind, strict=True))}
+            write(file, line | real(documents[kind[0], kind[2]], 1))
         return
     documents = {key: exact(document) for key, document in documents.items()}
     for index in range(given.first, given.first + given.skies):
@@ -300,7 +315,7 @@ def main() -> None:
         for kind in wanted:
             print(f"sky {index}, {mock.family}, {', '.join(kind)}", flush=True)
             line = {"sky": index, **dict(zip(KINDS, kind, strict=True)), "family": mock.family, "truth": mock.truth}
-            line |= (fit if given.what == "fit" else sample)(documents[kind[:2]], mock, index)
+            line |= (fit if given.what == "fit" else sample)(documents[kind[0], kind[2]], mock, index)
             write(file, line)
 
 

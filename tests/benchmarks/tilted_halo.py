@@ -99,7 +99,7 @@ def main() -> None:
     parser.add_argument("--streams", nargs="+", default=[], help="some of the streams")
     parser.add_argument("--particles", type=int, default=4096)
     given = parser.parse_args()
-    documents = fits_of(given.streams, given.particles, FOLDER / given.run)
+    documents = fits_of(given.streams, given.particles, run=FOLDER / given.run)
     os.chdir(FOLDER)  # the run file names its tables from there
     for stripping in given.fits:
         model = sk.Model(document_of(documents["nfw", stripping]))
