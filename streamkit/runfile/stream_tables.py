@@ -121,7 +121,8 @@ class StreamTables:
             name: {
                 place
                 for place in shared
-                if (known := fields_of(place[0], _at(own[name], place[:-1]), _at(table, place[:-1]))) is not None
+                if place[0] not in ABOVE
+                and (known := fields_of(place[0], _at(own[name], place[:-1]), _at(table, place[:-1]))) is not None
                 and place[-1] not in known
             }
             for name, (table, shared, _) in filled.items()

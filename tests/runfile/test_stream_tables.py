@@ -78,6 +78,15 @@ def test_a_default_that_does_not_fit_a_stream_is_left_out_there() -> None:
     assert all(each.frame == "GD1Koposov10" for each in named.bind(stream="b").observables.values())
 
 
+def test_a_frame_of_all_streams_stands_above_the_sections_too() -> None:
+    run = with_("stream_defaults", "frame", "GD1Koposov10")
+    for table in run["stream"].values():
+        table.pop("frame", None)
+    run["stream"]["b"]["frame"] = "Pal5PriceWhelan18"
+    spec = sk.load(run)
+    assert [spec.bind(stream=name).observable.frame for name in "ab"] == ["GD1Koposov10", "Pal5PriceWhelan18"]
+
+
 def test_named_observables_have_their_own_defaults() -> None:
     shared = {"one": SHARED["observable"], "other": SHARED["observable"] | {"kernel": 1}}
     run = with_("stream_defaults", "observable", shared)
@@ -95,6 +104,7 @@ MISTAKES = [  # with the beginnings of all lines of the message
     (("stream_defaults", "stripping", "steps", 3), ["stream_defaults.stripping.steps: the stripping 'mlcs' has"]),
     (("stream_defaults", "stripping", 3), ["stream_defaults.stripping: found 3, expected a section"]),
     (("stream_defaults", "observable", "phi2", "no.ecsv"), ["stream_defaults.observable.phi2: cannot read the file"]),
+    (("stream_defaults", "table", "no.ecsv"), ["stream_defaults.table: cannot read the file 'no.ecsv'"]),
     (("stream_defaults", "striping", {}), ["stream_defaults.striping: a stream has no such section. Did you"]),
     (("stream", "b", "progenitor", "distance", -3), ["stream.b.progenitor.distance: found -3 kpc"]),
     (("stream", "b", "frame", "GD2"), ["stream.b.frame: there is no frame 'GD2'"]),
