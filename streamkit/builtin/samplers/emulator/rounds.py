@@ -268,8 +268,9 @@ class Rounds:
             for each in known
         )
         missing = before_a_test(known, samples, moved, uncertain)
-        by_noise = f", uncertain by {uncertain:.2f} sd" if np.isfinite(uncertain) else ""
-        self._note(f"calls: {rows}; moved {moved:.2f} sd{by_noise}; {missing or 'tested now'}")
+        sizes = {"moved": moved, "uncertain by": uncertain}  # infinite where they are not known
+        known_sizes = [f"{name} {size:.2f} sd" for name, size in sizes.items() if np.isfinite(size)]
+        self._note("; ".join([f"calls: {rows}", *known_sizes, missing or "tested now"]))
         return Progress(known, joint, result, moved, uncertain, missing=missing)
 
     def _watched(self) -> IntArray:
