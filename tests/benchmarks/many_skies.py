@@ -13,7 +13,7 @@ gives it a disc of that kind, with the mass of the run file's, in place of the o
 Posteriors are Gaussians by regressions (tests/support/gaussian_fit.py), in place of samples: a certified fit takes an
 hour, this one a minute. The progenitors begin at their true places. With `sample` in place of `fit` the posterior is
 sampled by `emulator`, to compare. `real` fits the tables of a run file of examples/many_streams as they are, with its
-extra errors.
+extra errors, and `run` does so by the run file's sampler, in the directories HOST-FITS of DIR, or goes on there.
 """
 
 from __future__ import annotations
@@ -277,7 +277,7 @@ def shown(row: dict[str, Any]) -> str:
 def main() -> None:
     """Fit skies that have no result yet, or print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=["fit", "sample", "real", "table"])
+    parser.add_argument("what", choices=["fit", "sample", "real", "run", "table"])
     parser.add_argument("-o", "--output", type=Path, required=True)
     parser.add_argument("--skies", type=int, default=40)
     parser.add_argument("--first", type=int, default=0)
@@ -286,7 +286,8 @@ def main() -> None:
     parser.add_argument("--fits", nargs="+", choices=STRIPPINGS, default=["live"], help="how progenitors are stripped")
     parser.add_argument("--truth", choices=STRIPPINGS, default="live", help="the same of the true ones")
     parser.add_argument("--streams", nargs="+", default=[], help="some of the twelve streams")
-    parser.add_argument("--run", default=RUN.name, help="run file of `real`, in examples/many_streams")
+    parser.add_argument("--run", default=RUN.name, help="run file of `real` and `run`, in examples/many_streams")
+    parser.add_argument("--workers", type=int, default=2, help="of `run`")
     parser.add_argument("--particles", type=int, default=2048)
     given = parser.parse_args()
     given.output.mkdir(parents=True, exist_ok=True)
@@ -296,9 +297,15 @@ def main() -> None:
         print(table(file))
         return
     finished = {(row["sky"], *(row[key] for key in KINDS)) for row in rows_of(file)}
-    run = FOLDER / (given.run if given.what == "real" else RUN)
+    run = FOLDER / (given.run if given.what in ("real", "run") else RUN)
     documents = fits_of(given.streams, given.particles, given.disc, run)
     kinds = [(host, given.disc, fitted, given.truth, given.what) for host in given.hosts for fitted in given.fits]
+    if given.what == "run":
+        for host, _, fitted, *_ in kinds:
+            out = file.parent / f"{host}-{fitted}"
+            results = sk.run(documents[host, fitted], out=out, workers=given.workers, resume=out.exists())
+            print(f"{out}: {results.draws.lacks or 'certified'}")
+        return
     if given.what == "real":
         kinds = [(host, disc, fitted, "", "real") for host, disc, fitted, *_ in kinds]
         for kind in [kind for kind in kinds if (given.run, *kind) not in finished]:
