@@ -47,6 +47,8 @@ STRIPPINGS = "live", "mlcs"
 LIVE = {"kind": "restricted_nbody"}
 MIYAMOTO_NAGAI, EXPONENTIAL = DISCS = "miyamoto_nagai", "exponential_disc"
 EXPONENTIAL_DISC = {"kind": EXPONENTIAL, "rd": {"uniform": [2.0, 3.2]}, "height": 0.3}
+FREE = "free"
+CLUSTERS = {"radius": {"log_uniform": ["8 pc", "30 pc"]}, "mass": {"log_uniform": ["1e4 Msun", "1e5 Msun"]}}
 KINDS = "host", "disc", "fitted", "stripped", "by"
 RADII = 10.0, 20.0, 50.0
 MASSES = "M10", "M20", "M50"
@@ -100,6 +102,13 @@ def stripped(shared: dict[str, Any], stripping: str, particles: int) -> dict[str
 def stripped_by(section: dict[str, Any], stripping: str) -> dict[str, Any]:
     """Return the section of a stream: what it has of its own for mLCS is not for live progenitors."""
     return {key: value for key, value in section.items() if key != "stripping" or stripping == "mlcs"}
+
+
+def with_radius(document: dict[str, Any], radius: str) -> dict[str, Any]:
+    """Return a run file whose clusters have that radius, or mass and radius with priors if it is `FREE`."""
+    shared = document["stream_defaults"]
+    given = CLUSTERS if radius == FREE else {"radius": radius}
+    return document | {"stream_defaults": shared | {"progenitor": shared["progenitor"] | given}}
 
 
 def potential(fields: dict[str, Any]) -> sk.Potential:
@@ -287,6 +296,7 @@ def main() -> None:
     parser.add_argument("--truth", choices=STRIPPINGS, default="live", help="the same of the true ones")
     parser.add_argument("--streams", nargs="+", default=[], help="some of the twelve streams")
     parser.add_argument("--run", default=RUN.name, help="run file of `real` and `run`, in examples/many_streams")
+    parser.add_argument("--radius", default="30 pc", help="of the clusters, or free; the results of each need a DIR")
     parser.add_argument("--workers", type=int, default=2, help="of `run`")
     parser.add_argument("--particles", type=int, default=2048)
     given = parser.parse_args()
@@ -299,6 +309,7 @@ def main() -> None:
     finished = {(row["sky"], *(row[key] for key in KINDS)) for row in rows_of(file)}
     run = FOLDER / (given.run if given.what in ("real", "run") else RUN)
     documents = fits_of(given.streams, given.particles, given.disc, run)
+    documents = {key: with_radius(document, given.radius) for key, document in documents.items()}
     kinds = [(host, given.disc, fitted, given.truth, given.what) for host in given.hosts for fitted in given.fits]
     if given.what == "run":
         for host, _, fitted, *_ in kinds:
