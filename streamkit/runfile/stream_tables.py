@@ -135,9 +135,13 @@ class StreamTables:
                 del _at(table, place[:-1])[place[-1]]
             self.tables[name], self._shared[name] = table, shared - (unfit[name] - unknown)
             self._above[name] = {}
-            for field in ABOVE:
-                if field in table:
-                    self._move(name, field, fields_of)
+        for field in ABOVE:
+            takers = {name: _takers(table, field, fields_of) for name, table in self.tables.items() if field in table}
+            for name, places in takers.items():
+                if places or (field,) not in self._shared[name] or not any(takers.values()):
+                    self._move(name, field, places)
+                else:  # a default that does not fit this stream
+                    del self.tables[name][field]
         misplaced = set.intersection(*(skipped for _, _, skipped in filled.values())) if filled else set()
         self.errors += [
             f"{DEFAULTS}.{section}: fits no stream: each stream has one {section} where the default has several with "
@@ -145,16 +149,10 @@ class StreamTables:
             for section in sorted({place[0] for place in misplaced})
         ]
 
-    def _move(self, name: str, field: str, fields_of: FieldsOf) -> None:
-        """Move a field that stands above the sections of a stream to those that have such a field."""
+    def _move(self, name: str, field: str, takers: Sequence[Place]) -> None:
+        """Move a field that stands above the sections of a stream to those that take it."""
         table = self.tables[name]
         value = table.pop(field)
-        takers = [
-            (key, *part)
-            for key in ABOVE[field]
-            for part, section in _parts(table.get(key))
-            if field in (fields_of(key, section, section) or ())
-        ]
         if not takers:
             self.errors.append(
                 f"stream.{name}.{field}: no section of the stream has such a field; expected one in "
@@ -183,6 +181,16 @@ class StreamTables:
         section = place if place in {leaf[:-1] for leaf in shared} else place[:-1]
         fields = {leaf for leaf in _leaves(self.tables.get(name, {})) if leaf[:-1] == section} - above.keys()
         return everywhere and bool(section) and bool(fields) and place not in fields and fields <= shared
+
+
+def _takers(table: Table, field: str, fields_of: FieldsOf) -> list[Place]:
+    """Return the sections of a stream that have a field which stands above them."""
+    return [
+        (key, *part)
+        for key in ABOVE[field]
+        for part, section in _parts(table.get(key))
+        if field in (fields_of(key, section, section) or ())
+    ]
 
 
 def _at(table: Mapping[str, Any], path: Sequence[str]) -> dict[str, Any]:

@@ -296,7 +296,7 @@ def main() -> None:
     parser.add_argument("--truth", choices=STRIPPINGS, default="live", help="the same of the true ones")
     parser.add_argument("--streams", nargs="+", default=[], help="some of the twelve streams")
     parser.add_argument("--run", default=RUN.name, help="run file of `real` and `run`, in examples/many_streams")
-    parser.add_argument("--radius", default="30 pc", help="of the clusters, or free; the results of each need a DIR")
+    parser.add_argument("--radius", help="of the clusters, or free; the results of each need a DIR")
     parser.add_argument("--workers", type=int, default=2, help="of `run`")
     parser.add_argument("--particles", type=int, default=2048)
     given = parser.parse_args()
@@ -309,22 +309,28 @@ def main() -> None:
     finished = {(row["sky"], *(row[key] for key in KINDS)) for row in rows_of(file)}
     run = FOLDER / (given.run if given.what in ("real", "run") else RUN)
     documents = fits_of(given.streams, given.particles, given.disc, run)
-    documents = {key: with_radius(document, given.radius) for key, document in documents.items()}
-    kinds = [(host, given.disc, fitted, given.truth, given.what) for host in given.hosts for fitted in given.fits]
+    if given.radius:
+        documents = {key: with_radius(document, given.radius) for key, document in documents.items()}
+    if given.what in ("fit", "sample"):
+        documents = {key: exact(document) for key, document in documents.items()}
+    truth = "" if given.what == "real" else given.truth
+    kinds = {
+        (host, given.disc, fitted, truth, given.what): documents[host, fitted]
+        for host in given.hosts
+        for fitted in given.fits
+    }
     if given.what == "run":
-        for host, _, fitted, *_ in kinds:
+        for (host, _, fitted, *_), document in kinds.items():
             out = file.parent / f"{host}-{fitted}"
-            results = sk.run(documents[host, fitted], out=out, workers=given.workers, resume=out.exists())
+            results = sk.run(document, out=out, workers=given.workers, resume=out.exists())
             print(f"{out}: {results.draws.lacks or 'certified'}")
         return
     if given.what == "real":
-        kinds = [(host, disc, fitted, "", "real") for host, disc, fitted, *_ in kinds]
-        for kind in [kind for kind in kinds if (given.run, *kind) not in finished]:
-            print(f"{given.run}, {', '.join(kind)}", flush=True)
-            line = {"sky": given.run, **dict(zip(KINDS, kind, strict=True))}
-            write(file, line | real(documents[kind[0], kind[2]], 1))
+        for kind in kinds:
+            if (given.run, *kind) not in finished:
+                print(f"{given.run}, {', '.join(kind)}", flush=True)
+                write(file, {"sky": given.run, **dict(zip(KINDS, kind, strict=True)), **real(kinds[kind], 1)})
         return
-    documents = {key: exact(document) for key, document in documents.items()}
     for index in range(given.first, given.first + given.skies):
         wanted = [kind for kind in kinds if (index, *kind) not in finished]
         if not wanted:
@@ -333,7 +339,7 @@ def main() -> None:
         for kind in wanted:
             print(f"sky {index}, {mock.family}, {', '.join(kind)}", flush=True)
             line = {"sky": index, **dict(zip(KINDS, kind, strict=True)), "family": mock.family, "truth": mock.truth}
-            line |= (fit if given.what == "fit" else sample)(documents[kind[0], kind[2]], mock, index)
+            line |= (fit if given.what == "fit" else sample)(kinds[kind], mock, index)
             write(file, line)
 
 

@@ -87,6 +87,21 @@ def test_a_frame_of_all_streams_stands_above_the_sections_too() -> None:
     assert [spec.bind(stream=name).observable.frame for name in "ab"] == ["GD1Koposov10", "Pal5PriceWhelan18"]
 
 
+def test_a_frame_of_all_streams_is_left_out_where_no_section_has_one() -> None:
+    icrs = {"ra": 10, "dec": 3, "distance": 5, "pm_ra_cosdec": 1, "pm_dec": 2, "v_los": 100}
+    apocentres = {"kind": "apocentres", "leading": [20, 1]}
+    run = with_("stream_defaults", "frame", "GD1Koposov10")
+    run = with_entry(run, "stream_defaults", "observable", ...)
+    track = {"observable": SHARED["observable"]}
+    run["stream"] = {"a": {"progenitor": PLACE} | track, "b": {"progenitor": icrs, "observable": apocentres}}
+    spec = sk.load(run)
+    assert spec.bind(stream="a").observable.frame == "GD1Koposov10"
+    assert "frame" not in spec.document["stream"]["b"]
+    del run["stream"]["a"], run["stream_defaults"]["progenitor"]["phi1"]
+    (line,) = error_of(run).splitlines()
+    assert line.startswith("run mapping: stream_defaults.frame: no section of the stream has such a field; expected")
+
+
 def test_named_observables_have_their_own_defaults() -> None:
     shared = {"one": SHARED["observable"], "other": SHARED["observable"] | {"kernel": 1}}
     run = with_("stream_defaults", "observable", shared)
